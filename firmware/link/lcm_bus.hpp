@@ -1,0 +1,118 @@
+/// Publish and subscribe the generated LCM types without heap after start-up.
+///
+/// Usage:
+///     LcmBus bus;
+///     if (!bus.open("udpm://239.255.76.67:7667?ttl=0&recv_buf_size=2097152")) { say bus.error(); exit 2; }
+///     auto on_scan = [&](const scan_t& scan) { ... };            // any callable; the bus keeps a reference to it
+///     bus.subscribe<scan_t>("SCAN", on_scan);                    // false: table full or channel name too long
+///     bus.publish("NAV", nav);                                   // false: not sent (counted)
+///     while (running) { bus.handle(100); }                       // handlers run here; or poll() bus.fd() and handle(0)
+///
+/// Messages are handled in the order in which they arrived on the bus, over all channels together.
+/// Publishing encodes into a buffer inside the bus and hands raw bytes to LCM; receiving decodes into one fixed message a type.
+/// LCM itself allocates nothing for messages up to 60 kB and channel names up to 15 characters, so both are enforced here.
+/// Start-up (open, subscribe) allocates. One thread; LCM's own reader thread only fills its queue.
+#pragma once
+
+#include <lcm/lcm.h>
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <cstring>
+
+#include "core/capacity.hpp"
+
+namespace noctule {
+
+class LcmBus {
+public:
+    struct Counters {
+        std::uint64_t published = 0;
+        std::uint64_t publish_failed = 0;  ///< refused by the socket, or larger than kMaxLcmBytes
+        std::uint64_t received = 0;
+        std::uint64_t undecodable = 0;     ///< bytes that are not the type subscribed to (truncated, other fingerprint)
+    };
+
+    LcmBus() = default;
+    LcmBus(const LcmBus&) = delete;
+    LcmBus& operator=(const LcmBus&) = delete;
+    ~LcmBus() { close(); }
+
+    /// Joins the bus. url as LCM takes it (udpm://ADDRESS:PORT?ttl=0&recv_buf_size=N). False: error() says why, in one line.
+    [[nodiscard]] bool open(const char* url);
+
+    void close();
+
+    [[nodiscard]] bool is_open() const { return lcm_ != nullptr; }
+
+    /// Why open() failed; empty otherwise.
+    [[nodiscard]] const char* error() const { return error_.data(); }
+
+    /// Readable when a message waits; -1 when closed.
+    [[nodiscard]] int fd() const { return lcm_ != nullptr ? lcm_get_fileno(lcm_) : -1; }
+
+    /// Calls handler(const Message&) for every message of this exact channel. The handler must outlive the bus.
+    /// False: not open, the table is full, or the name is over 15 characters.
+    template <class Message, class Handler>
+    [[nodiscard]] bool subscribe(const char* channel, Handler& handler) {
+        if (lcm_ == nullptr || used_ == entries_.size() || std::strlen(channel) > kMaxChannelName) { return false; }
+        Entry& entry = entries_[used_];
+        entry = {this, &handler};
+        lcm_subscription_t* subscription = lcm_subscribe(lcm_, channel, &LcmBus::dispatch<Message, Handler>, &entry);
+        if (subscription == nullptr) { return false; }
+        lcm_subscription_set_queue_capacity(subscription, kMaxLcmQueue);
+        ++used_;
+        return true;
+    }
+
+    /// Sends one message. False: closed, too large, or refused by the socket (counted).
+    template <class Message>
+    bool publish(const char* channel, const Message& message) {
+        const int size = message.getEncodedSize();
+        if (lcm_ == nullptr || size < 0 || size > static_cast<int>(buffer_.size()) || std::strlen(channel) > kMaxChannelName ||
+            message.encode(buffer_.data(), 0, size) != size ||
+            lcm_publish(lcm_, channel, buffer_.data(), static_cast<unsigned int>(size)) != 0) {
+            ++counters_.publish_failed;
+            return false;
+        }
+        ++counters_.published;
+        return true;
+    }
+
+    /// Waits up to timeout_ms (0: not at all) for a message, then runs the handlers of everything that waits, at most
+    /// kMaxLcmQueue messages. Returns the number handled; -1 on error.
+    int handle(int timeout_ms);
+
+    [[nodiscard]] const Counters& counters() const { return counters_; }
+
+private:
+    static constexpr std::size_t kMaxChannelName = 15;
+
+    struct Entry {
+        LcmBus* bus = nullptr;
+        void* handler = nullptr;
+    };
+
+    template <class Message, class Handler>
+    static void dispatch(const lcm_recv_buf_t* received, const char* /*channel*/, void* user) {
+        static Message message{};
+        const Entry& entry = *static_cast<const Entry*>(user);
+        const int size = static_cast<int>(received->data_size);
+        if (message.decode(received->data, 0, size) != size) {
+            ++entry.bus->counters_.undecodable;
+            return;
+        }
+        ++entry.bus->counters_.received;
+        (*static_cast<Handler*>(entry.handler))(static_cast<const Message&>(message));
+    }
+
+    lcm_t* lcm_ = nullptr;
+    std::size_t used_ = 0;
+    std::array<Entry, kMaxLcmSubscriptions> entries_{};
+    std::array<std::uint8_t, kMaxLcmBytes> buffer_{};
+    std::array<char, 256> error_{};
+    Counters counters_{};
+};
+
+}  // namespace noctule

@@ -1,0 +1,107 @@
+/// The autonomy as one object behind the wire format: LCM messages in, LCM messages out.
+///
+/// noctule-nav, the in-process bench and the replay all drive this same class, so that they compute the same.
+/// It collects samples until the inertial data has reached a scan's stamp, runs one Navigator::step, and publishes
+/// what the step returned: GRID_TILE, WALLS, LEVELS, then NAV, then ODOM. Between scans it publishes ODOM from the
+/// output predictor every 20 ms of data time. Samples later than the scan stay for the next step.
+/// Frames Map and Body (docs/frames.md), SI units. No heap, no clock, not thread-safe. All storage is inside.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+
+#include "estimate/output_predictor.hpp"
+#include "lcmtypes.gen.hpp"
+#include "navigator.hpp"
+#include "params.gen.hpp"
+#include "sense/samples.hpp"
+
+namespace noctule {
+
+/// What became of a message.
+enum class Input : std::uint8_t { accepted, other_channel, rejected_malformed, rejected_repeat, refused_full };
+
+/// How many samples a step consumed; NAV carries it, replay obeys it.
+struct Consumed {
+    std::size_t imu = 0;
+    std::size_t attitude = 0;
+    std::size_t range_up = 0;
+    std::size_t range_down = 0;
+    std::size_t vehicle = 0;
+    std::size_t command = 0;
+};
+
+class NavNode {
+public:
+    /// Called once a message; `bytes` hold until the call returns.
+    using Publish = void (*)(void* context, const char* channel, const std::uint8_t* bytes, std::size_t size);
+    /// Monotonic nanoseconds, for NAV.step_us only; null: step_us is 0.
+    using Stopwatch = std::int64_t (*)();
+
+    NavNode(const Parameters& parameters, Publish publish, void* context, Stopwatch stopwatch);
+
+    /// One message off the bus. Malformed, repeated or surplus ones change nothing and are counted.
+    Input receive(const char* channel, const std::uint8_t* bytes, std::size_t size);
+
+    /// A scan waits for its step.
+    [[nodiscard]] bool scan_waiting() const { return scan_waiting_; }
+    /// A scan waits and the inertial data has reached its stamp.
+    [[nodiscard]] bool step_due() const;
+
+    /// Runs one step on the waiting scan with the samples up to its stamp. No effect when no scan waits.
+    void step();
+    /// The same with the samples that a log says were consumed (replay). False: fewer are there; nothing is changed.
+    [[nodiscard]] bool step_with(const Consumed& consumed);
+
+    [[nodiscard]] const Navigator& navigator() const { return navigator_; }
+    [[nodiscard]] std::uint32_t refused() const { return refused_; }
+    [[nodiscard]] std::uint32_t scans_replaced() const { return scans_replaced_; }
+
+private:
+    template <class Message>
+    [[nodiscard]] bool decode(Message& message, const std::uint8_t* bytes, std::size_t size);
+    template <class Message>
+    void publish(const char* channel, const Message& message);
+
+    Input receive_imu(const std::uint8_t* bytes, std::size_t size);
+    Input receive_attitude(const std::uint8_t* bytes, std::size_t size);
+    Input receive_range(const std::uint8_t* bytes, std::size_t size, bool up);
+    Input receive_vehicle(const std::uint8_t* bytes, std::size_t size);
+    Input receive_command(const std::uint8_t* bytes, std::size_t size);
+    Input receive_scan(const std::uint8_t* bytes, std::size_t size);
+
+    void run(const Consumed& consumed);
+    void publish_maps(const NavOutput& output);
+    void publish_nav(const NavOutput& output, const Consumed& consumed, float step_us);
+    void publish_odometry(std::int64_t t_us, bool at_scan);
+
+    Navigator navigator_;
+    OutputPredictor predictor_;
+    Publish publish_;
+    void* context_;
+    Stopwatch stopwatch_;
+
+    SensorFrame pending_;  ///< in order of arrival; `scan` is the newest one received
+    SensorFrame frame_;    ///< what the running step consumes
+    bool scan_waiting_ = false;
+    bool scan_seen_ = false;
+    std::int64_t newest_imu_us_ = 0;
+    std::int64_t last_odometry_us_ = 0;
+    std::int64_t last_scan_us_ = 0;
+    std::int32_t nav_seq_ = 0;
+    std::int32_t odom_seq_ = 0;
+    std::int32_t tile_seq_ = 0;
+    std::int32_t walls_seq_ = 0;
+    std::int32_t levels_seq_ = 0;
+    std::uint32_t refused_ = 0;
+    std::uint32_t scans_replaced_ = 0;
+
+    scan_t scan_message_{};
+    nav_t nav_message_{};
+    grid_tile_t tile_message_{};
+    walls_t walls_message_{};
+    levels_t levels_message_{};
+    std::array<std::uint8_t, 65536> encoded_{};
+};
+
+}  // namespace noctule
