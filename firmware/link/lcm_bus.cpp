@@ -55,6 +55,27 @@ void LcmBus::close() {
     used_ = 0;
 }
 
+bool LcmBus::add(const char* channel, void* handler, const lcm_msg_handler_t dispatcher) {
+    if (lcm_ == nullptr || used_ == entries_.size() || std::strlen(channel) > kMaxChannelName) { return false; }
+    Entry& entry = entries_[used_];
+    entry = {this, handler};
+    lcm_subscription_t* subscription = lcm_subscribe(lcm_, channel, dispatcher, &entry);
+    if (subscription == nullptr) { return false; }
+    lcm_subscription_set_queue_capacity(subscription, kMaxLcmQueue);
+    ++used_;
+    return true;
+}
+
+bool LcmBus::publish_raw(const char* channel, const std::uint8_t* bytes, const std::size_t size) {
+    if (lcm_ == nullptr || size > buffer_.size() || std::strlen(channel) > kMaxChannelName ||
+        lcm_publish(lcm_, channel, bytes, static_cast<unsigned int>(size)) != 0) {
+        ++counters_.publish_failed;
+        return false;
+    }
+    ++counters_.published;
+    return true;
+}
+
 int LcmBus::handle(const int timeout_ms) {
     if (lcm_ == nullptr) { return -1; }
     int handled = 0;

@@ -56,29 +56,53 @@ public:
     /// False: not open, the table is full, or the name is over 15 characters.
     template <class Message, class Handler>
     [[nodiscard]] bool subscribe(const char* channel, Handler& handler) {
+        return add(channel, &handler, &LcmBus::dispatch<Message, Handler>);
+    }
+
+    /// Calls handler(channel, bytes, size) with the undecoded message (for a reader that decodes by itself). As subscribe() otherwise.
+    template <class Handler>
+    [[nodiscard]] bool subscribe_raw(const char* channel, Handler& handler) {
         if (lcm_ == nullptr || used_ == entries_.size() || std::strlen(channel) > kMaxChannelName) { return false; }
         Entry& entry = entries_[used_];
         entry = {this, &handler};
-        lcm_subscription_t* subscription = lcm_subscribe(lcm_, channel, &LcmBus::dispatch<Message, Handler>, &entry);
+        lcm_subscription_t* subscription = lcm_subscribe(lcm_, channel, &LcmBus::dispatch_raw<Handler>, &entry);
         if (subscription == nullptr) { return false; }
         lcm_subscription_set_queue_capacity(subscription, kMaxLcmQueue);
         ++used_;
         return true;
     }
 
-    /// Sends one message. False: closed, too large, or refused by the socket (counted).
-    template <class Message>
-    bool publish(const char* channel, const Message& message) {
-        const int size = message.getEncodedSize();
-        if (lcm_ == nullptr || size < 0 || size > static_cast<int>(buffer_.size()) || std::strlen(channel) > kMaxChannelName ||
-            message.encode(buffer_.data(), 0, size) != size ||
-            lcm_publish(lcm_, channel, buffer_.data(), static_cast<unsigned int>(size)) != 0) {
+    /// Sends one encoded message. False: closed, or refused by the socket (counted).
+    bool publish_raw(const char* channel, const std::uint8_t* bytes, const std::size_t size) {
+        if (lcm_ == nullptr || std::strlen(channel) > kMaxChannelName ||
+            lcm_publish(lcm_, channel, bytes, static_cast<unsigned int>(size)) != 0) {
             ++counters_.publish_failed;
             return false;
         }
         ++counters_.published;
         return true;
     }
+
+    /// The same for a handler that decodes by itself: handler(const char* channel, const std::uint8_t* bytes, std::size_t size).
+    /// The bytes hold until the handler returns.
+    template <class Handler>
+    [[nodiscard]] bool subscribe_raw(const char* channel, Handler& handler) {
+        return add(channel, &handler, &LcmBus::dispatch_raw<Handler>);
+    }
+
+    /// Sends one message. False: closed, too large, or refused by the socket (counted).
+    template <class Message>
+    bool publish(const char* channel, const Message& message) {
+        const int size = message.getEncodedSize();
+        if (size < 0 || size > static_cast<int>(buffer_.size()) || message.encode(buffer_.data(), 0, size) != size) {
+            ++counters_.publish_failed;
+            return false;
+        }
+        return publish_raw(channel, buffer_.data(), static_cast<std::size_t>(size));
+    }
+
+    /// Sends bytes that are an encoded message already. False as above.
+    bool publish_raw(const char* channel, const std::uint8_t* bytes, std::size_t size);
 
     /// Waits up to timeout_ms (0: not at all) for a message, then runs the handlers of everything that waits, at most
     /// kMaxLcmQueue messages. Returns the number handled; -1 on error.
@@ -94,6 +118,15 @@ private:
         void* handler = nullptr;
     };
 
+    [[nodiscard]] bool add(const char* channel, void* handler, lcm_msg_handler_t dispatcher);
+
+    template <class Handler>
+    static void dispatch_raw(const lcm_recv_buf_t* received, const char* channel, void* user) {
+        const Entry& entry = *static_cast<const Entry*>(user);
+        ++entry.bus->counters_.received;
+        (*static_cast<Handler*>(entry.handler))(channel, static_cast<const std::uint8_t*>(received->data), static_cast<std::size_t>(received->data_size));
+    }
+
     template <class Message, class Handler>
     static void dispatch(const lcm_recv_buf_t* received, const char* /*channel*/, void* user) {
         static Message message{};
@@ -105,6 +138,14 @@ private:
         }
         ++entry.bus->counters_.received;
         (*static_cast<Handler*>(entry.handler))(static_cast<const Message&>(message));
+    }
+
+    template <class Handler>
+    static void dispatch_raw(const lcm_recv_buf_t* received, const char* channel, void* user) {
+        const Entry& entry = *static_cast<const Entry*>(user);
+        ++entry.bus->counters_.received;
+        (*static_cast<Handler*>(entry.handler))(channel, static_cast<const std::uint8_t*>(received->data),
+                                               static_cast<std::size_t>(received->data_size));
     }
 
     lcm_t* lcm_ = nullptr;
