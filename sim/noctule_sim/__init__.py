@@ -1,0 +1,1 @@
+"""The simulator: worlds, vehicle, sensors, autopilots and the closed loop."""
