@@ -30,6 +30,12 @@ public:
         --size_;
     }
 
+    /// Removes the first n entries, n <= size(); the others keep their order.
+    void drop_front(const std::size_t n) {
+        for (std::size_t i = n; i < size_; ++i) { data_[i - n] = data_[i]; }
+        size_ -= n;
+    }
+
     [[nodiscard]] static constexpr std::size_t capacity() { return Capacity; }
     [[nodiscard]] std::size_t size() const { return size_; }
     [[nodiscard]] bool empty() const { return size_ == 0; }
