@@ -1,1 +1,1 @@
-"""The simulator: worlds, vehicle, sensors, autopilots and the closed loop."""
+"""Noctule's simulator: worlds, vehicle, sensors, autopilot and the closed loop around the companion."""
