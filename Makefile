@@ -1,0 +1,31 @@
+# Everything sets itself up: `make fly` and `make test` work in a fresh clone on Debian 12.
+.DEFAULT_GOAL := help
+.PHONY: help setup configure build fly test bench clean
+
+JOBS  ?= $(shell nproc)
+WORLD ?= maze_a
+ARGS  ?=
+BENCH ?= flight
+
+help: ## this list
+	@echo "Noctule: make TARGET"
+	@sed -n 's/^\([a-z]*\):.*## /  \1\t/p' Makefile | expand -t 12
+
+setup: ## system packages, .venv, Unity, generated Python; quick when nothing changed
+	@setup/setup.sh
+
+build: setup ## the firmware and its processes (build/release)
+	@setup/build.sh release all $(JOBS)
+
+fly: build ## a simulated flight; WORLD=maze_b ARGS="--seed 2" choose another
+	@.venv/bin/noctule fly $(WORLD) $(ARGS)
+
+test: build ## every test: C++ twice (sanitizers, release), then Python
+	@setup/build.sh dev noctule_tests $(JOBS)
+	@setup/test.sh $(JOBS)
+
+bench: build ## a table of measurements; BENCH=flight
+	@.venv/bin/noctule bench $(BENCH) $(ARGS)
+
+clean: ## removes what was built; .venv and build/deps stay
+	@rm -rf build/dev build/release build/generated
