@@ -18,4 +18,27 @@ inline constexpr std::size_t kMaxLcmBytes = 61440;       ///< encoded LCM messag
 inline constexpr int kMaxLcmQueue = 1024;                ///< messages that wait on one subscription; the newest are refused
 inline constexpr std::size_t kMaxLcmSubscriptions = 16;  ///< channels one process listens to; more are refused at start-up
 
+// Altitude.
+inline constexpr std::size_t kMaxLevels = 64;            ///< surfaces known at once; the least useful gives way
+inline constexpr std::size_t kMaxPaperLevels = 256;      ///< level entries of the paper's form; the oldest gives way
+
+// Map and plan.
+inline constexpr std::size_t kMaxTiles = 768;            ///< tiles of 64 x 64 cells, 31 457 m2 at 0.10 m; a further one is refused
+inline constexpr std::size_t kTileDirectory = 2048;      ///< entries of the tile directory, a power of two over twice kMaxTiles
+inline constexpr std::size_t kMaxOpenCells = 131072;     ///< open entries of one search over the grid; a further one is dropped
+inline constexpr std::size_t kMaxFrontierCells = 32768;  ///< cells at the edge of the unknown in one pass; later ones wait for the next
+inline constexpr std::size_t kMaxFrontiers = 128;        ///< groups of them in one pass; the smallest gives way
+inline constexpr std::size_t kMaxTriedPlaces = 256;      ///< places that could not be looked into; the oldest gives way
+inline constexpr std::size_t kMaxPathPoints = 64;        ///< points of the path ahead, about 3 m; a longer one is cut
+inline constexpr std::size_t kMaxDirtyBlocks = 49152;    ///< blocks of 8 x 8 cells waiting for new clearances: all of them fit
+
+// Planar estimation.
+inline constexpr std::size_t kMaxMotionNodes = kMaxImuPerStep + 8;  ///< poses of one sweep; the newest are refused
+inline constexpr std::size_t kMaxWallsPerScan = 48;      ///< walls of one sweep; the shortest give way
+inline constexpr std::size_t kMaxWalls = 192;            ///< walls handed out at once (walls_t); more are refused
+inline constexpr std::size_t kMaxParticles = 128;        ///< hypotheses of the wall filter; a parameter sets how many are used
+inline constexpr std::size_t kMaxLandmarks = 160;        ///< walls of one particle; the one seen least gives way
+inline constexpr std::size_t kMaxPointCells = 8192;      ///< cells of the point map, a power of two; the one with fewest points gives way
+inline constexpr std::size_t kMaxMatchPoints = 240;      ///< points of one sweep matched with the point map; thinned out beyond
+
 }  // namespace noctule

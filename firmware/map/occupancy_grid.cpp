@@ -1,0 +1,343 @@
+#include "map/occupancy_grid.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+namespace noctule {
+
+namespace {
+
+constexpr float kUnitsPerNat = 16.0F;          ///< grid_tile_t's unit
+constexpr float kOffsetUnits = 256.0F;         ///< hit offsets per cell edge
+constexpr float kPassesByCells = 0.45F;        ///< a beam farther than this from a cell's mean hit does not contradict it
+constexpr std::int64_t kRepublishUs = 2000000; ///< scans between publications of a tile whose classes stand still
+constexpr std::int32_t kGeometryStep = 20;     ///< move of a mean hit (1/256 cell) that makes clearances stale
+
+std::size_t hash_of(const std::int32_t tile_x, const std::int32_t tile_y) {
+    const std::uint32_t h = static_cast<std::uint32_t>(tile_x) * 0x9E3779B1U ^ static_cast<std::uint32_t>(tile_y) * 0x85EBCA77U;
+    return (h ^ (h >> 15U)) & (kTileDirectory - 1U);
+}
+
+std::int32_t units(const float nats) { return static_cast<std::int32_t>(std::lround(nats * kUnitsPerNat)); }
+
+std::size_t block_of(const CellId id) { return static_cast<std::size_t>(((id >> 9) & 7) * 8 + ((id >> 3) & 7)); }
+
+}  // namespace
+
+static_assert((kTileDirectory & (kTileDirectory - 1U)) == 0U && kTileDirectory > 2U * kMaxTiles, "open addressing needs room");
+
+OccupancyGrid::OccupancyGrid(const Parameters& parameters) : p_(parameters), geometry_(parameters.grid_cell_m) {
+    directory_.fill(-1);
+    load_parameters();
+}
+
+void OccupancyGrid::load_parameters() {
+    occupied_ = static_cast<std::int8_t>(std::max(1, units(p_.grid_occupied_log_odds)));
+    free_ = static_cast<std::int8_t>(std::min(-1, units(p_.grid_free_log_odds)));
+    add_hit_ = std::max(1, units(p_.grid_hit_log_odds));
+    add_miss_ = std::max(1, units(p_.grid_miss_log_odds));
+    log_max_ = std::min(127, units(p_.grid_log_odds_max));
+    log_min_ = std::max(-127, units(p_.grid_log_odds_min));
+}
+
+void OccupancyGrid::reset() {
+    directory_.fill(-1);
+    tile_count_ = 0;
+    cached_slot_ = -1;
+    publish_next_ = 0;
+    known_cells_ = 0;
+}
+
+std::int32_t OccupancyGrid::tile_slot(const std::int32_t tile_x, const std::int32_t tile_y) const {
+    for (std::size_t at = hash_of(tile_x, tile_y);; at = (at + 1U) & (kTileDirectory - 1U)) {
+        const std::int32_t slot = directory_[at];
+        if (slot < 0) { return -1; }
+        const GridTile& t = tiles_[static_cast<std::size_t>(slot)];
+        if (t.tile_x == tile_x && t.tile_y == tile_y) { return slot; }
+    }
+}
+
+CellId OccupancyGrid::find(const Cell cell) const {
+    const std::int32_t slot = tile_slot(cell.ix >> 6, cell.iy >> 6);
+    return slot < 0 ? kNoCell : slot * kTileArea + (cell.iy & 63) * kTileCells + (cell.ix & 63);
+}
+
+Cell OccupancyGrid::cell(const CellId id) const {
+    const GridTile& t = tiles_[static_cast<std::size_t>(id >> 12)];
+    return {t.tile_x * kTileCells + (id & 63), t.tile_y * kTileCells + ((id >> 6) & 63)};
+}
+
+CellId OccupancyGrid::neighbour(const CellId id, const std::int32_t direction) const {
+    const std::int32_t i = (id & 63) + kNeighbourX[direction];
+    const std::int32_t j = ((id >> 6) & 63) + kNeighbourY[direction];
+    if (((i | j) & ~63) == 0) { return (id & ~4095) + j * kTileCells + i; }
+    const std::int32_t dx = i < 0 ? -1 : (i >> 6);
+    const std::int32_t dy = j < 0 ? -1 : (j >> 6);
+    std::int32_t toward = 0;
+    while (kNeighbourX[toward] != dx || kNeighbourY[toward] != dy) { ++toward; }
+    const std::int32_t slot = tiles_[static_cast<std::size_t>(id >> 12)].neighbour[static_cast<std::size_t>(toward)];
+    return slot < 0 ? kNoCell : slot * kTileArea + (j & 63) * kTileCells + (i & 63);
+}
+
+CellId OccupancyGrid::find_or_lay(const Cell cell) {
+    const std::int32_t tx = cell.ix >> 6;
+    const std::int32_t ty = cell.iy >> 6;
+    if (cached_slot_ < 0 || tx != cached_x_ || ty != cached_y_) {
+        std::int32_t slot = tile_slot(tx, ty);
+        if (slot < 0) {
+            if (tile_count_ == static_cast<std::int32_t>(kMaxTiles)) {
+                ++counters_.tiles_refused;
+                return kNoCell;
+            }
+            slot = tile_count_++;
+            GridTile& t = tiles_[static_cast<std::size_t>(slot)];
+            t.tile_x = tx;
+            t.tile_y = ty;
+            t.log_odds.fill(0);
+            t.hit_x.fill(0);
+            t.hit_y.fill(0);
+            t.stamp.fill(0);
+            for (std::uint16_t& v : t.version) { ++v; }
+            t.class_changed = t.value_changed = false;
+            t.published_us = -1;
+            std::size_t at = hash_of(tx, ty);
+            while (directory_[at] >= 0) { at = (at + 1U) & (kTileDirectory - 1U); }
+            directory_[at] = static_cast<std::int16_t>(slot);
+            for (std::int32_t d = 0; d < 8; ++d) {
+                const std::int32_t other = tile_slot(tx + kNeighbourX[d], ty + kNeighbourY[d]);
+                t.neighbour[static_cast<std::size_t>(d)] = other;
+                if (other >= 0) { tiles_[static_cast<std::size_t>(other)].neighbour[static_cast<std::size_t>((d + 4) & 7)] = slot; }
+            }
+        }
+        cached_x_ = tx;
+        cached_y_ = ty;
+        cached_slot_ = slot;
+    }
+    return cached_slot_ * kTileArea + (cell.iy & 63) * kTileCells + (cell.ix & 63);
+}
+
+void OccupancyGrid::touch(const CellId id, const CellClass before) {
+    GridTile& t = tiles_[static_cast<std::size_t>(id >> 12)];
+    t.value_changed = true;
+    const CellClass after = cell_class(id);
+    if (after == before) { return; }
+    t.class_changed = true;
+    ++t.version[block_of(id)];
+    if (before == CellClass::unknown) { ++known_cells_; }
+    if (after == CellClass::unknown) { --known_cells_; }
+}
+
+// Section G, "occupied": the cell in which the beam ends. The mean hit follows the hits with a gain that falls as the cell
+// becomes sure, so that clearances come from measured points and not from the square of the cell.
+void OccupancyGrid::hit(const CellId id, const float x_cells, const float y_cells) {
+    GridTile& t = tiles_[static_cast<std::size_t>(id >> 12)];
+    const auto k = static_cast<std::size_t>(id & 4095);
+    const Cell c = cell(id);
+    const float dx = (x_cells - static_cast<float>(c.ix) - 0.5F) * kOffsetUnits;
+    const float dy = (y_cells - static_cast<float>(c.iy) - 0.5F) * kOffsetUnits;
+    const bool fresh = t.log_odds[k] <= 0;
+    const float gain = fresh ? 1.0F : (t.log_odds[k] >= log_max_ ? 0.06F : 0.25F);
+    const float old_x = static_cast<float>(t.hit_x[k]);
+    const float old_y = static_cast<float>(t.hit_y[k]);
+    const auto new_x = static_cast<std::int32_t>(std::lround(fresh ? dx : old_x + gain * (dx - old_x)));
+    const auto new_y = static_cast<std::int32_t>(std::lround(fresh ? dy : old_y + gain * (dy - old_y)));
+    const bool moved = std::abs(new_x - t.hit_x[k]) > kGeometryStep || std::abs(new_y - t.hit_y[k]) > kGeometryStep;
+    t.hit_x[k] = static_cast<std::int8_t>(std::clamp(new_x, -127, 127));
+    t.hit_y[k] = static_cast<std::int8_t>(std::clamp(new_y, -127, 127));
+    if (moved) { ++t.version[block_of(id)]; }
+    if (t.stamp[k] == stamp_) { return; }  // the evidence of a sweep counts once; its points all count for the mean
+    t.stamp[k] = stamp_;
+    const CellClass before = class_of(t.log_odds[k]);
+    t.log_odds[k] = static_cast<std::int8_t>(std::min(t.log_odds[k] + add_hit_, log_max_));
+    touch(id, before);
+}
+
+// Section G, "free": the cells that a beam crosses before its end. Origin in cells, direction of unit length.
+void OccupancyGrid::miss(const CellId id, const float origin_x, const float origin_y, const float dir_x, const float dir_y) {
+    GridTile& t = tiles_[static_cast<std::size_t>(id >> 12)];
+    const auto k = static_cast<std::size_t>(id & 4095);
+    const std::int8_t l = t.log_odds[k];
+    if (l <= log_min_) {
+        t.stamp[k] = stamp_;
+        return;
+    }
+    const CellClass before = class_of(l);
+    if (before == CellClass::occupied) {
+        // A wall fills a part of its cell only: a beam through the other part says nothing about it.
+        const Cell c = cell(id);
+        const float hx = static_cast<float>(c.ix) + 0.5F + static_cast<float>(t.hit_x[k]) / kOffsetUnits - origin_x;
+        const float hy = static_cast<float>(c.iy) + 0.5F + static_cast<float>(t.hit_y[k]) / kOffsetUnits - origin_y;
+        if (std::fabs(hx * dir_y - hy * dir_x) > kPassesByCells) { return; }
+    }
+    t.stamp[k] = stamp_;
+    t.log_odds[k] = static_cast<std::int8_t>(std::max(l - add_miss_, log_min_));
+    touch(id, before);
+}
+
+// Walks the cells from (ox, oy) to (ex, ey), in cells (Amanatides and Woo 1987). A cell whose centre, projected on the beam,
+// lies before `clear_to` is crossed; one between `mark_from` and `mark_to` is occupied (obstacle thickness over one cell).
+void OccupancyGrid::cast(const float ox, const float oy, const float ex, const float ey, const float clear_to, const float mark_from,
+                         const float mark_to, const bool marking) {
+    const float length = std::hypot(ex - ox, ey - oy);
+    if (!(length > 1e-3F)) { return; }
+    const float dx = (ex - ox) / length;
+    const float dy = (ey - oy) / length;
+    Cell c{static_cast<std::int32_t>(std::floor(ox)), static_cast<std::int32_t>(std::floor(oy))};
+    const std::int32_t step_x = dx > 0.0F ? 1 : -1;
+    const std::int32_t step_y = dy > 0.0F ? 1 : -1;
+    constexpr float kFar = 1e9F;
+    const float per_x = std::fabs(dx) > 1e-7F ? 1.0F / std::fabs(dx) : kFar;
+    const float per_y = std::fabs(dy) > 1e-7F ? 1.0F / std::fabs(dy) : kFar;
+    float next_x = per_x < kFar ? (dx > 0.0F ? static_cast<float>(c.ix + 1) - ox : ox - static_cast<float>(c.ix)) * per_x : kFar;
+    float next_y = per_y < kFar ? (dy > 0.0F ? static_cast<float>(c.iy + 1) - oy : oy - static_cast<float>(c.iy)) * per_y : kFar;
+    float entered = 0.0F;
+    while (entered <= length) {
+        const float along = (static_cast<float>(c.ix) + 0.5F - ox) * dx + (static_cast<float>(c.iy) + 0.5F - oy) * dy;
+        if (marking) {
+            if (along >= mark_from && along <= mark_to) {
+                const CellId id = find_or_lay(c);
+                if (id != kNoCell) { hit(id, static_cast<float>(c.ix) + 0.5F, static_cast<float>(c.iy) + 0.5F); }
+            }
+        } else if (along < clear_to) {
+            const CellId id = find_or_lay(c);
+            if (id != kNoCell && tiles_[static_cast<std::size_t>(id >> 12)].stamp[static_cast<std::size_t>(id & 4095)] != stamp_) {
+                miss(id, ox, oy, dx, dy);
+            }
+        }
+        if (next_x < next_y) {
+            entered = next_x;
+            next_x += per_x;
+            c.ix += step_x;
+        } else {
+            entered = next_y;
+            next_y += per_y;
+            c.iy += step_y;
+        }
+    }
+}
+
+void OccupancyGrid::integrate(const Estimate& estimate, const LevelScan& scan) {
+    const Pose2<Map, Body>& pose = estimate.planar.pose_map_body;
+    const float height = estimate.altitude.z_m - estimate.altitude.floor_z_m - p_.cruise_height_m;
+    const bool pose_good = estimate.planar.quality >= 0 && std::isfinite(pose.x_m) && std::isfinite(pose.y_m) && std::isfinite(pose.yaw_rad);
+    if (!pose_good || !estimate.altitude.valid || !(std::fabs(height) <= p_.grid_height_band_m)) {
+        ++counters_.scans_refused;
+        return;
+    }
+    load_parameters();
+    ++scans_;
+    stamp_ = static_cast<std::uint8_t>(stamp_ == 255U ? 1U : stamp_ + 1U);
+    const float c = std::cos(pose.yaw_rad);
+    const float s = std::sin(pose.yaw_rad);
+    const float range_max = geometry_.to_cells(p_.grid_range_max_m);
+    const float half = 0.5F * geometry_.to_cells(p_.obstacle_thickness_m);
+    // Hits first: a cell in which any beam of the sweep ended is not cleared by its neighbours in the same sweep.
+    for (int pass = 0; pass < 2; ++pass) {
+        for (const ScanPoint& p : scan.points) {
+            if (!p.hit && !(p_.no_return_fraction > 0.0F)) { continue; }
+            const float ox = geometry_.to_cells(pose.x_m + c * p.origin_x_m - s * p.origin_y_m);
+            const float oy = geometry_.to_cells(pose.y_m + s * p.origin_x_m + c * p.origin_y_m);
+            float ex = geometry_.to_cells(pose.x_m + c * p.x_m - s * p.y_m);
+            float ey = geometry_.to_cells(pose.y_m + s * p.x_m + c * p.y_m);
+            if (!(std::isfinite(ox + oy + ex + ey))) { continue; }
+            float length = std::hypot(ex - ox, ey - oy);
+            bool ends_here = p.hit;
+            float clear_to = length - std::max(half, 0.5F);
+            if (!p.hit) {
+                length *= p_.no_return_fraction;
+                clear_to = length;
+            }
+            if (length > range_max) {
+                ends_here = false;
+                clear_to = range_max;
+            }
+            if (pass == 0) {
+                ++counters_.beams_used;
+                if (!ends_here) { continue; }
+                if (half > 0.5F) {
+                    const float stretch = (length + half) / length;
+                    cast(ox, oy, ox + (ex - ox) * stretch, oy + (ey - oy) * stretch, 0.0F, length - half, length + half, true);
+                } else {
+                    const CellId id = find_or_lay({static_cast<std::int32_t>(std::floor(ex)), static_cast<std::int32_t>(std::floor(ey))});
+                    if (id != kNoCell) { hit(id, ex, ey); }
+                }
+            } else {
+                const float cut = std::min(1.0F, (clear_to + 1.0F) / std::max(length, 1e-3F)) * (p.hit ? 1.0F : p_.no_return_fraction);
+                ex = ox + (ex - ox) * cut;
+                ey = oy + (ey - oy) * cut;
+                cast(ox, oy, ex, ey, clear_to, 0.0F, 0.0F, false);
+            }
+        }
+    }
+    cached_slot_ = -1;
+}
+
+void OccupancyGrid::hit_point(const CellId id, float& x_m, float& y_m) const {
+    const GridTile& t = tiles_[static_cast<std::size_t>(id >> 12)];
+    const auto k = static_cast<std::size_t>(id & 4095);
+    const Cell c = cell(id);
+    x_m = geometry_.to_metres(static_cast<float>(c.ix) + 0.5F + static_cast<float>(t.hit_x[k]) / kOffsetUnits);
+    y_m = geometry_.to_metres(static_cast<float>(c.iy) + 0.5F + static_cast<float>(t.hit_y[k]) / kOffsetUnits);
+}
+
+float OccupancyGrid::clearance_m(const float x_m, const float y_m, const float radius_m, float* const at_x_m, float* const at_y_m) const {
+    const Cell centre = geometry_.cell(x_m, y_m);
+    const auto reach = static_cast<std::int32_t>(std::ceil(geometry_.to_cells(radius_m)));
+    float best = radius_m * radius_m;
+    std::int32_t tile_x = std::numeric_limits<std::int32_t>::min();
+    std::int32_t tile_y = tile_x;
+    std::int32_t slot = -1;
+    for (std::int32_t iy = centre.iy - reach; iy <= centre.iy + reach; ++iy) {
+        for (std::int32_t ix = centre.ix - reach; ix <= centre.ix + reach; ++ix) {
+            if ((ix >> 6) != tile_x || (iy >> 6) != tile_y) {
+                tile_x = ix >> 6;
+                tile_y = iy >> 6;
+                slot = tile_slot(tile_x, tile_y);
+            }
+            if (slot < 0) { continue; }
+            const CellId id = slot * kTileArea + (iy & 63) * kTileCells + (ix & 63);
+            if (cell_class(id) != CellClass::occupied) { continue; }
+            float hx = 0.0F;
+            float hy = 0.0F;
+            hit_point(id, hx, hy);
+            const float d2 = (hx - x_m) * (hx - x_m) + (hy - y_m) * (hy - y_m);
+            if (d2 < best) {
+                best = d2;
+                if (at_x_m != nullptr) { *at_x_m = hx; }
+                if (at_y_m != nullptr) { *at_y_m = hy; }
+            }
+        }
+    }
+    return std::sqrt(best);
+}
+
+bool OccupancyGrid::line_is_free(const float x0_m, const float y0_m, const float x1_m, const float y1_m) const {
+    const float length = std::hypot(x1_m - x0_m, y1_m - y0_m);
+    const auto steps = static_cast<std::int32_t>(std::ceil(geometry_.to_cells(length) * 2.0F)) + 1;
+    for (std::int32_t k = 0; k <= steps; ++k) {
+        const float f = static_cast<float>(k) / static_cast<float>(steps);
+        if (cell_class(find(x0_m + f * (x1_m - x0_m), y0_m + f * (y1_m - y0_m))) != CellClass::free) { return false; }
+    }
+    return true;
+}
+
+const GridTile* OccupancyGrid::take_changed_tile(const std::int64_t t_us) {
+    for (int urgent = 1; urgent >= 0; --urgent) {
+        for (std::int32_t k = 0; k < tile_count_; ++k) {
+            const std::int32_t slot = (publish_next_ + k) % tile_count_;
+            GridTile& t = tiles_[static_cast<std::size_t>(slot)];
+            if (!t.value_changed || t.published_us == t_us) { continue; }
+            if (urgent == 1 ? !t.class_changed : t_us - t.published_us < kRepublishUs) { continue; }
+            t.class_changed = t.value_changed = false;
+            t.published_us = t_us;
+            publish_next_ = (slot + 1) % tile_count_;
+            return &t;
+        }
+    }
+    return nullptr;
+}
+
+float OccupancyGrid::known_area_m2() const { return static_cast<float>(known_cells_) * geometry_.cell_m() * geometry_.cell_m(); }
+
+}  // namespace noctule

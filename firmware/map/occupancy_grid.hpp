@@ -1,0 +1,126 @@
+/// Occupancy grid of one floor: log-odds per cell, and in each occupied cell the mean place of its hits.
+///
+/// Model and numbers: docs/maths/grid.md (section G of the paper's method: Bayes filter in log-odds).
+/// Frame Map, metres. Cells lie in tiles of 64 x 64 that are laid down where beams go, from a fixed pool:
+/// no size is needed in advance. Pool full: the tile is refused, its cells stay unknown, the refusal is counted.
+/// One instance per floor in use, no heap, not thread-safe.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+
+#include "core/capacity.hpp"
+#include "estimate/estimate.hpp"
+#include "map/cell.hpp"
+#include "params.gen.hpp"
+
+namespace noctule {
+
+inline constexpr std::int32_t kTileCells = 64;
+inline constexpr std::int32_t kTileArea = kTileCells * kTileCells;
+inline constexpr std::int32_t kTileBlocks = 64;   ///< blocks of 8 x 8 cells in a tile
+inline constexpr std::int32_t kBlockCells = 8;
+
+/// Handle of a stored cell: slot of its tile * 4096 + row * 64 + column.
+using CellId = std::int32_t;
+inline constexpr CellId kNoCell = -1;
+
+enum class CellClass : std::uint8_t { unknown, free, occupied };
+
+/// One tile, as grid_tile_t wants it.
+struct GridTile {
+    std::int32_t tile_x = 0;
+    std::int32_t tile_y = 0;
+    std::array<std::int8_t, kTileArea> log_odds{};   ///< 1/16 nat; 0 unknown, positive occupied, negative free
+    std::array<std::int8_t, kTileArea> hit_x{};      ///< mean hit of an occupied cell from its centre, 1/256 cell
+    std::array<std::int8_t, kTileArea> hit_y{};
+    std::array<std::uint8_t, kTileArea> stamp{};     ///< number of the scan that last touched the cell
+    std::array<std::uint16_t, kTileBlocks> version{}; ///< rises with every change of a block's geometry
+    std::array<std::int32_t, 8> neighbour{};         ///< slots of the tiles around, order of kNeighbourX; -1 none
+    bool class_changed = false;                      ///< since it was last published
+    bool value_changed = false;
+    std::int64_t published_us = -1;
+};
+
+class OccupancyGrid {
+public:
+    explicit OccupancyGrid(const Parameters& parameters);
+
+    /// Enters one sweep. Refused (and counted) when localisation is lost or the height is out of the band.
+    /// Cost: proportional to the cells crossed; each cell changes at most once a sweep.
+    void integrate(const Estimate& estimate, const LevelScan& scan);
+
+    /// Forgets everything; counters stay.
+    void reset();
+
+    [[nodiscard]] const GridGeometry& geometry() const { return geometry_; }
+    [[nodiscard]] CellId find(Cell cell) const;                        ///< kNoCell: nothing is known there
+    [[nodiscard]] CellId find(float x_m, float y_m) const { return find(geometry_.cell(x_m, y_m)); }
+    [[nodiscard]] Cell cell(CellId id) const;
+    [[nodiscard]] CellId neighbour(CellId id, std::int32_t direction) const;  ///< direction 0 to 7; kNoCell: no tile there
+    [[nodiscard]] CellClass cell_class(const CellId id) const {
+        if (id == kNoCell) { return CellClass::unknown; }
+        return class_of(tiles_[static_cast<std::size_t>(id >> 12)].log_odds[static_cast<std::size_t>(id & 4095)]);
+    }
+    [[nodiscard]] CellClass cell_class(const Cell c) const { return cell_class(find(c)); }
+    /// Mean hit of an occupied cell, frame Map.
+    void hit_point(CellId id, float& x_m, float& y_m) const;
+    /// Distance from a point to the nearest hit, searched up to radius_m; radius_m if there is none.
+    /// at_x_m and at_y_m receive the hit. Cost: (2 radius / cell)^2.
+    [[nodiscard]] float clearance_m(float x_m, float y_m, float radius_m, float* at_x_m = nullptr, float* at_y_m = nullptr) const;
+    /// True: the straight line between two points meets no occupied cell and no unknown one.
+    [[nodiscard]] bool line_is_free(float x0_m, float y0_m, float x1_m, float y1_m) const;
+
+    [[nodiscard]] std::int32_t tile_count() const { return tile_count_; }
+    [[nodiscard]] const GridTile& tile(const std::int32_t slot) const { return tiles_[static_cast<std::size_t>(slot)]; }
+    [[nodiscard]] std::int32_t tile_slot(std::int32_t tile_x, std::int32_t tile_y) const;  ///< -1: none
+
+    /// The next tile to publish, or nullptr. Call up to four times a step. Tiles in which a cell changed its class come
+    /// first, in turn; those with other changes at most once every two seconds. Every change is published in the end.
+    [[nodiscard]] const GridTile* take_changed_tile(std::int64_t t_us);
+
+    [[nodiscard]] float known_area_m2() const;
+    [[nodiscard]] std::uint32_t scans() const { return scans_; }
+
+    struct Counters {
+        std::uint32_t scans_refused = 0;
+        std::uint32_t tiles_refused = 0;   ///< requests for a tile that the full pool could not serve
+        std::uint32_t beams_used = 0;
+    };
+    [[nodiscard]] const Counters& counters() const { return counters_; }
+
+private:
+    [[nodiscard]] CellClass class_of(const std::int8_t log_odds) const {
+        if (log_odds >= occupied_) { return CellClass::occupied; }
+        return log_odds <= free_ ? CellClass::free : CellClass::unknown;
+    }
+    [[nodiscard]] CellId find_or_lay(Cell cell);
+    void load_parameters();
+    void hit(CellId id, float x_cells, float y_cells);
+    void miss(CellId id, float origin_x, float origin_y, float dir_x, float dir_y);
+    void touch(CellId id, CellClass before);
+    void cast(float ox, float oy, float ex, float ey, float clear_to, float mark_from, float mark_to, bool marking);
+
+    const Parameters& p_;
+    GridGeometry geometry_;
+    std::array<GridTile, kMaxTiles> tiles_{};
+    std::array<std::int16_t, kTileDirectory> directory_{};  ///< open addressing by tile coordinates; -1 empty
+    std::int32_t tile_count_ = 0;
+    std::int32_t cached_x_ = 0;       ///< tile found last while casting
+    std::int32_t cached_y_ = 0;
+    std::int32_t cached_slot_ = -1;
+    std::int32_t publish_next_ = 0;
+    std::int32_t known_cells_ = 0;
+    std::uint32_t scans_ = 0;
+    std::uint8_t stamp_ = 0;
+    std::int8_t occupied_ = 8;
+    std::int8_t free_ = -4;
+    std::int32_t add_hit_ = 14;
+    std::int32_t add_miss_ = 6;
+    std::int32_t log_max_ = 80;
+    std::int32_t log_min_ = -48;
+    Counters counters_;
+};
+
+}  // namespace noctule

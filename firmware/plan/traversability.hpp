@@ -1,0 +1,70 @@
+/// Where the hull fits: per cell the distance to the nearest hit point, kept up to date block by block.
+///
+/// A free cell is passable when no hit point is nearer to its centre than the hull radius and a margin, and no unknown cell
+/// lies under the hull. Distances are measured to hit points, not to squares of cells: docs/maths/grid.md, "clearance".
+/// Recomputed in blocks of 8 x 8 cells whose neighbourhood changed: blocks near the vehicle at once, the others in turn,
+/// a bounded number a step. No heap.
+#pragma once
+
+#include <array>
+#include <cstdint>
+
+#include "core/capacity.hpp"
+#include "map/occupancy_grid.hpp"
+#include "params.gen.hpp"
+
+namespace noctule {
+
+class Traversability {
+public:
+    explicit Traversability(const Parameters& parameters);
+
+    /// Takes up what changed in the grid. Cost: at most kBlocksPerStep blocks of 64 cells.
+    void update(const OccupancyGrid& grid, float x_m, float y_m);
+
+    /// Forgets everything (the grid was reset).
+    void reset();
+
+    static constexpr std::int32_t kCapCm = 80;   ///< distances are known up to here
+
+    /// Distance of a free cell's centre to the nearest hit [cm], at most kCapCm; 0: not free.
+    [[nodiscard]] std::int32_t clearance_cm(const CellId id) const { return id == kNoCell ? 0 : value(id) & 0x7F; }
+    /// True: hull and margin fit, and nothing unknown is under the hull.
+    [[nodiscard]] bool passable(const CellId id) const { return id != kNoCell && value(id) >= need_cm_ && value(id) < 0x80; }
+    /// True: free, and the vehicle may stand there if it came there, but no path leads through.
+    [[nodiscard]] bool tight(const CellId id) const { return id != kNoCell && (value(id) & 0x7F) >= kTightCm; }
+    /// Time to cross a unit of length there, against crossing it at full speed; at least 1. docs/maths/potential.md, equation (5).
+    [[nodiscard]] float slowness(const CellId id) const { return slowness_[static_cast<std::size_t>(clearance_cm(id))]; }
+    /// Speed allowed at a clearance in metres.
+    [[nodiscard]] float speed_m_s(float clearance_m) const;
+
+    [[nodiscard]] std::size_t blocks_waiting() const { return queue_size_; }
+    [[nodiscard]] std::uint32_t blocks_done() const { return blocks_done_; }
+
+private:
+    static constexpr std::int32_t kTightCm = 15;
+    static constexpr std::int32_t kBlocksPerStep = 160;
+    [[nodiscard]] std::int32_t value(const CellId id) const {
+        return value_[static_cast<std::size_t>(id >> 12)][static_cast<std::size_t>(id & 4095)];
+    }
+    void load_parameters();
+    void look_for_changes(const OccupancyGrid& grid, std::int32_t slot);
+    void enqueue(std::int32_t block);
+    void compute(const OccupancyGrid& grid, std::int32_t block);
+
+    const Parameters& p_;
+    std::array<std::array<std::uint8_t, kTileArea>, kMaxTiles> value_{};   ///< clearance in cm; +128: something unknown under the hull
+    std::array<std::array<std::uint16_t, kTileBlocks>, kMaxTiles> seen_{}; ///< versions taken up
+    std::array<std::uint64_t, kMaxTiles> waiting_{};                       ///< bit: block is in the queue
+    std::array<std::int32_t, kMaxDirtyBlocks> queue_{};                    ///< ring of slot * 64 + block
+    std::size_t queue_head_ = 0;
+    std::size_t queue_size_ = 0;
+    std::array<float, kCapCm + 1> slowness_{};
+    std::int32_t need_cm_ = 33;
+    std::int32_t next_tile_ = 0;
+    std::uint32_t blocks_done_ = 0;
+};
+
+static_assert(kMaxDirtyBlocks >= kMaxTiles * static_cast<std::size_t>(kTileBlocks), "every block must fit in the queue");
+
+}  // namespace noctule
