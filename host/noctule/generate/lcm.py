@@ -136,11 +136,17 @@ def load(folder=SOURCE):
     return {path.stem: parse(path) for path in sorted(Path(folder).glob("*.lcm"))}
 
 
+def cpp_all(messages):
+    """Text of lcmtypes.gen.hpp, which includes every type."""
+    out = ["/// Every message type. Generated from firmware/interface/lcm by `python -m noctule.generate`.", "#pragma once", ""]
+    out += [f'#include "lcmtypes/noctule/{name}.hpp"  // IWYU pragma: export' for name in messages]
+    return "\n".join([*out, ""])
+
+
 def cpp_checks(messages):
     """Text of a C++ file whose static_asserts tie every array length to its constant."""
     out = ["// Generated from firmware/interface/lcm by `python -m noctule.generate`."]
-    out += [f'#include "lcmtypes/noctule/{name}.hpp"' for name in messages]
-    out += ["", "#include <type_traits>", "", "// Trivially copyable: a message of constant length is plain memory, nothing of it is on the heap."]
+    out += ['#include "lcmtypes.gen.hpp"', "", "#include <type_traits>", "", "// Trivially copyable: a message of constant length is plain memory, nothing of it is on the heap."]
     for message in messages.values():
         out.append("")
         out.append(f"static_assert(std::is_trivially_copyable_v<noctule::{message.name}>);")
@@ -165,13 +171,14 @@ def _run(command):
 
 
 def generate_cpp(out):
-    """Writes lcmtypes/noctule/*.hpp and lcm_checks.gen.cpp under out."""
+    """Writes lcmtypes/noctule/*.hpp, lcmtypes.gen.hpp and lcm_checks.gen.cpp under out."""
     messages = load()
     out = Path(out)
     with tempfile.TemporaryDirectory() as scratch:
         _run(["lcm-gen", "--cpp", "--cpp-hpath", f"{scratch}/lcmtypes", *map(str, sorted(SOURCE.glob("*.lcm")))])
         for header in sorted(Path(scratch).rglob("*.hpp")):
             write_if_changed(out / header.relative_to(scratch), header.read_text(encoding="utf-8"))
+    write_if_changed(out / "lcmtypes.gen.hpp", cpp_all(messages))
     write_if_changed(out / "lcm_checks.gen.cpp", cpp_checks(messages))
 
 
