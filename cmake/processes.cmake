@@ -34,7 +34,7 @@ endif()
 
 # ---- for Python: the same Navigator in-process; and the allocator count that is preloaded into noctule-nav.
 # Neither goes together with the address sanitizer.
-if(NOT NOCTULE_SANITIZE)
+if(NOT NOCTULE_SANITIZE AND EXISTS ${CMAKE_SOURCE_DIR}/firmware/app/sim_abi.cpp)
     add_library(noctule_sim_abi SHARED firmware/app/sim_abi.cpp)
     target_link_libraries(noctule_sim_abi PRIVATE noctule_link noctule_options)
     add_library(noctule_heap_count SHARED firmware/app/heap_count.cpp)
