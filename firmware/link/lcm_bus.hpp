@@ -59,30 +59,6 @@ public:
         return add(channel, &handler, &LcmBus::dispatch<Message, Handler>);
     }
 
-    /// Calls handler(channel, bytes, size) with the undecoded message (for a reader that decodes by itself). As subscribe() otherwise.
-    template <class Handler>
-    [[nodiscard]] bool subscribe_raw(const char* channel, Handler& handler) {
-        if (lcm_ == nullptr || used_ == entries_.size() || std::strlen(channel) > kMaxChannelName) { return false; }
-        Entry& entry = entries_[used_];
-        entry = {this, &handler};
-        lcm_subscription_t* subscription = lcm_subscribe(lcm_, channel, &LcmBus::dispatch_raw<Handler>, &entry);
-        if (subscription == nullptr) { return false; }
-        lcm_subscription_set_queue_capacity(subscription, kMaxLcmQueue);
-        ++used_;
-        return true;
-    }
-
-    /// Sends one encoded message. False: closed, or refused by the socket (counted).
-    bool publish_raw(const char* channel, const std::uint8_t* bytes, const std::size_t size) {
-        if (lcm_ == nullptr || std::strlen(channel) > kMaxChannelName ||
-            lcm_publish(lcm_, channel, bytes, static_cast<unsigned int>(size)) != 0) {
-            ++counters_.publish_failed;
-            return false;
-        }
-        ++counters_.published;
-        return true;
-    }
-
     /// The same for a handler that decodes by itself: handler(const char* channel, const std::uint8_t* bytes, std::size_t size).
     /// The bytes hold until the handler returns.
     template <class Handler>
@@ -119,13 +95,6 @@ private:
     };
 
     [[nodiscard]] bool add(const char* channel, void* handler, lcm_msg_handler_t dispatcher);
-
-    template <class Handler>
-    static void dispatch_raw(const lcm_recv_buf_t* received, const char* channel, void* user) {
-        const Entry& entry = *static_cast<const Entry*>(user);
-        ++entry.bus->counters_.received;
-        (*static_cast<Handler*>(entry.handler))(channel, static_cast<const std::uint8_t*>(received->data), static_cast<std::size_t>(received->data_size));
-    }
 
     template <class Message, class Handler>
     static void dispatch(const lcm_recv_buf_t* received, const char* /*channel*/, void* user) {
