@@ -10,7 +10,9 @@
 #include <cstdint>
 
 #include "command/setpoint.hpp"
-#include "lcmtypes.gen.hpp"
+#include "lcmtypes/noctule/imu_t.hpp"
+#include "lcmtypes/noctule/odom_t.hpp"
+#include "lcmtypes/noctule/range_t.hpp"
 #include "link/mavlink.hpp"
 
 namespace noctule {

@@ -1,0 +1,36 @@
+/// ArduCopter: GUIDED follows setpoints in the air only; on the ground it waits for MAV_CMD_NAV_TAKEOFF. Position with velocity lets its
+/// own time-out act (position alone never times out). Arming may be refused for long while its filter settles: it is asked again.
+#include "link/flavour.hpp"
+
+namespace noctule {
+
+namespace {
+
+constexpr std::uint32_t kGuided = 4;
+constexpr std::uint32_t kLand = 9;
+
+constexpr FlightMode mode(const std::uint32_t number) { return {static_cast<float>(number), 0.0F, number}; }
+
+const char* name(const std::uint32_t custom_mode) {
+    switch (custom_mode) {
+        case 0: return "STABILIZE";
+        case 1: return "ACRO";
+        case 2: return "ALT_HOLD";
+        case 3: return "AUTO";
+        case kGuided: return "GUIDED";
+        case 5: return "LOITER";
+        case 6: return "RTL";
+        case kLand: return "LAND";
+        case 16: return "POSHOLD";
+        case 17: return "BRAKE";
+        case 20: return "GUIDED_NOGPS";
+        case 21: return "SMART_RTL";
+        default: return "another mode";
+    }
+}
+
+}  // namespace
+
+const Flavour kArdupilot{"ArduPilot", mode(kGuided), mode(kLand), true, &name};
+
+}  // namespace noctule

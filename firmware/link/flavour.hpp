@@ -1,0 +1,30 @@
+/// What differs between flight controllers: modes and take-off. One small file each: px4.cpp, ardupilot.cpp.
+#pragma once
+
+#include <cstdint>
+
+namespace noctule {
+
+/// A mode as MAV_CMD_DO_SET_MODE wants it (param2, param3) and as HEARTBEAT.custom_mode shows it.
+struct FlightMode {
+    float main = 0.0F;
+    float sub = 0.0F;
+    std::uint32_t custom_mode = 0;
+};
+
+struct Flavour {
+    const char* name;
+    FlightMode offboard;        ///< follows our setpoints
+    FlightMode land;            ///< lands on the spot, needs nothing from us
+    bool takeoff_command;       ///< setpoints are ignored on the ground: MAV_CMD_NAV_TAKEOFF comes first
+    /// Short name of a mode for the pilot; "another mode" when it is not known.
+    const char* (*mode_name)(std::uint32_t custom_mode);
+};
+
+extern const Flavour kPx4;
+extern const Flavour kArdupilot;
+
+/// The flavour of HEARTBEAT.autopilot; null when it is none that we know how to fly.
+[[nodiscard]] const Flavour* flavour_of(std::uint8_t mav_autopilot);
+
+}  // namespace noctule
