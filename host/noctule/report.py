@@ -16,7 +16,12 @@ from noctule.score import ExploredScore, StartPose
 
 STATES = ("waiting", "taking off", "looking around", "exploring", "returning home", "landing", "landed", "aborted",
           "paused")
-EXPLORING, LANDED, ABORTED = 3, 6, 7
+RETURNING, LANDING, LANDED, ABORTED = 4, 5, 6, 7
+REASONS = {5: "return was ordered", 6: "landing was ordered", 7: "abort was ordered", 8: "pause was ordered",
+           12: "the pilot or a failsafe took over", 13: "localisation was lost", 14: "height was lost",
+           15: "take-off took too long", 16: "the battery was low", 17: "the autopilot's position and ours disagreed",
+           18: "no way home was known", 19: "a start was refused"}   # values of plan/mission.hpp
+NOTHING_LEFT = 4
 STEP_S = 0.05
 GROUND_HEIGHT_M = 0.10       # nearer than this to the resting height counts as on the ground
 
@@ -56,12 +61,11 @@ class Run:
 
 
 def start_pose(world, truth: dict) -> StartPose:
-    """World * Map: the first true pose; its height is the floor under it."""
-    x_m, y_m, z_m, yaw_rad = (float(v) for v in world.start)
-    if len(truth["t_s"]):
-        x_m, y_m, z_m, yaw_rad = (float(truth[c][0]) for c in ("x_m", "y_m", "z_m", "yaw_rad"))
-    below = [float(f.elevation_m) for f in world.floors if float(f.elevation_m) <= z_m + 0.3]
-    return StartPose(x_m, y_m, max(below) if below else min(float(f.elevation_m) for f in world.floors), yaw_rad)
+    """World * Map: the first true pose, on the point of the floor that the world starts from."""
+    start = world.start
+    if len(truth["t_s"]) == 0:
+        return StartPose(start.x_m, start.y_m, start.z_m, start.yaw_rad)
+    return StartPose(float(truth["x_m"][0]), float(truth["y_m"][0]), start.z_m, float(truth["yaw_rad"][0]))
 
 
 def open_run(folder) -> Run:
@@ -93,13 +97,19 @@ def open_run(folder) -> Run:
                record.read_json(folder / "log" / "nav-stats.json"), flight, truth, start_pose(world, truth))
 
 
-def judge(settings: dict, sim: dict, states, landed: bool, sim_time_s: float) -> tuple[str, str]:
+def _state_name(state: int) -> str:
+    return STATES[state] if 0 <= state < len(STATES) else f"in state {state}"
+
+
+def judge(settings: dict, sim: dict, states, reasons, landed: bool, sim_time_s: float) -> tuple[str, str]:
     """Outcome and one sentence of why.
 
+    Completed means: went home because nothing reachable was left unknown, and landed there for no other reason.
+
     Args:
-        settings: run.json (interrupted, died, max_time_s).
+        settings: run.json (interrupted, died, max_time_s, last_text).
         sim: sim.json (reasons).
-        states: (N,) int, mission states as recorded.
+        states, reasons: (N,) int, mission state and why it was entered, as recorded.
         landed: the vehicle is on the ground, disarmed.
         sim_time_s: simulated time at the end.
     """
@@ -109,17 +119,22 @@ def judge(settings: dict, sim: dict, states, landed: bool, sim_time_s: float) ->
         return "failed", f"{settings['died']}."
     why = settings.get("last_text") or "; ".join(str(r) for r in sim.get("reasons", []) or [])
     ended = f" Last word: {why.rstrip('.')}." if why else ""
-    states = np.asarray(states)
+    states, reasons = np.asarray(states), np.asarray(reasons)
     if states.size == 0:
         return "failed", f"noctule-nav published no step.{ended}"
+    last = int(states[-1])
+    cause = next((REASONS[int(r)] for r in reasons[::-1] if int(r) in REASONS), None)
     if np.any(states == ABORTED):
-        return "aborted", f"The mission was aborted.{ended}"
-    if int(states[-1]) == LANDED and landed and np.any(states == EXPLORING):
-        return "completed", "Explored, returned and landed."
+        return "aborted", f"Aborted: {cause or 'no cause given'}.{ended}"
+    finished = np.any((states == RETURNING) & (reasons == NOTHING_LEFT))
+    if last == LANDED and landed and finished and cause is None:
+        return "completed", "Explored all that was reachable, returned and landed."
     limit = settings.get("max_time_s")
     if limit and sim_time_s >= float(limit) - STEP_S:
-        return "max_time", f"Still {STATES[int(states[-1])] if 0 <= states[-1] < len(STATES) else 'flying'} at --max-time {limit:g} s."
-    return "not_completed", f"Ended while {STATES[int(states[-1])] if 0 <= states[-1] < len(STATES) else 'in an unknown state'}.{ended}"
+        return "max_time", f"Still {_state_name(last)} at --max-time {float(limit):g} s."
+    if last == LANDED and landed:
+        return "not_completed", f"Landed early: {cause or 'exploration was not finished'}.{ended}"
+    return "not_completed", f"Ended while {_state_name(last)}{': ' + cause if cause else ''}.{ended}"
 
 
 def _number(value, digits=6):
@@ -188,7 +203,7 @@ def build(run: Run) -> tuple[dict, score.PoseErrors, list[tuple[float, float]]]:
     if not step_us and nav["step_us"].size:
         p50, p99 = np.percentile(nav["step_us"], (50, 99))
         step_us = {"p50": p50, "p99": p99, "max": nav["step_us"].max()}
-    outcome, reason = judge(settings, sim, nav["state"], landed, sim_time_s)
+    outcome, reason = judge(settings, sim, nav["state"], nav["reason"], landed, sim_time_s)
     clearance = sim.get("min_clearance_m")
     whole = lambda value: None if value is None else int(value)
     report = {

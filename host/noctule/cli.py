@@ -1,0 +1,204 @@
+"""The `noctule` command."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+
+from noctule.settings import (AUTOPILOTS, DEFAULT_MAX_TIME_S, PRESETS, PROFILES, FlightSettings, InputError, parse_fault,
+                              parse_parameter)
+
+ABOUT = """\
+Noctule flies a micro-aerial vehicle through a building it has never seen, maps it, and comes home.
+
+  noctule fly maze_a                  fly a shipped world in the simulator; a report is left in runs/
+  noctule fly my_plan.json --seed 3   fly your own building: {"walls": [[x1,y1,x2,y2], ...], "start": [x,y]} in metres
+  noctule worlds                      the shipped worlds
+"""
+
+FLY = """\
+Starts the simulator, noctule-bridge, noctule-nav and noctule-vision, starts the mission as a ground station would,
+and shows how it goes. A flight runs as fast as the machine allows; the same seed gives the same flight.
+
+WORLD is a shipped name (noctule worlds), a world .yaml (docs/worlds.md), or a plan .json:
+  {"walls": [[x1,y1,x2,y2], ...], "start": [x,y], "height": 2.5}     metres; height may be left out
+
+The run directory holds report.html (look at this first), report.json, map.png, flight.lcm (everything that the
+processes said), flight.tlog (for ground stations), truth.csv, the trajectories and log/*.txt.
+A ground station (QGroundControl, MAVProxy) can watch on UDP port 14550.
+
+examples:
+  noctule fly maze_a --no-camera
+  noctule fly office --seed 2 --param speed_max_m_s=0.7 --profile harsh
+  noctule fly maze_a --fault odometry-cut@40      what happens when the autopilot loses our position
+
+exit code: 0 completed, 1 not completed or a collision, 2 bad input, 130 interrupted (the report is still written)
+"""
+
+
+class _Parser(argparse.ArgumentParser):
+    """As argparse, but an error is one line and ends with 2."""
+
+    def error(self, message):
+        self.exit(2, f"{self.prog}: {message}; see {self.prog} --help\n")
+
+
+def _positive(text: str) -> float:
+    value = float(text)
+    if not 0.0 < value < 1e7:
+        raise argparse.ArgumentTypeError(f"{text} is not a positive number of seconds")
+    return value
+
+
+def _seed(text: str) -> int:
+    value = int(text)
+    if not 0 <= value < 2**31:
+        raise argparse.ArgumentTypeError(f"{text} is not in 0 to 2^31 - 1")
+    return value
+
+
+class _Plain(argparse.Action):
+    """Collects checked values; the message of a bad one is the checker's own, without 'argument ...:' before it."""
+
+    def __init__(self, *args, check, **kwargs):
+        super().__init__(*args, **kwargs)
+        self.check = check
+
+    def __call__(self, parser, namespace, text, option_string=None):
+        try:
+            value = self.check(text)
+        except InputError as error:
+            parser.exit(2, f"{parser.prog}: {error}\n")
+        setattr(namespace, self.dest, [*getattr(namespace, self.dest), value])
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line."""
+    top = _Parser(prog="noctule", description=ABOUT, formatter_class=argparse.RawDescriptionHelpFormatter)
+    commands = top.add_subparsers(dest="command", metavar="COMMAND", required=True, parser_class=_Parser)
+
+    fly = commands.add_parser("fly", help="fly a simulated flight", description=FLY,
+                              formatter_class=argparse.RawDescriptionHelpFormatter)
+    fly.add_argument("world", metavar="WORLD", help="shipped name, world .yaml or plan .json")
+    fly.add_argument("--seed", type=_seed, default=1, metavar="N", help="of all noise (default 1)")
+    fly.add_argument("--out", type=Path, metavar="DIR", help="run directory (default runs/<world>-<seed>)")
+    fly.add_argument("--realtime", action="store_true", help="no faster than real time")
+    fly.add_argument("--no-camera", dest="camera", action="store_false", help="no camera, no vision process")
+    fly.add_argument("--max-time", type=_positive, default=DEFAULT_MAX_TIME_S, metavar="S",
+                     help=f"end after so many simulated seconds (default {DEFAULT_MAX_TIME_S:g})")
+    fly.add_argument("--param", action=_Plain, check=parse_parameter, default=[], metavar="NAME=VALUE",
+                     help="set a tunable, by name or MAVLink id (docs/parameters.md); may be repeated")
+    fly.add_argument("--preset", choices=PRESETS, default="default", help="set of tunables to begin with; paper: as published")
+    fly.add_argument("--profile", choices=PROFILES, default="default", help="how good the sensors are")
+    fly.add_argument("--fault", action=_Plain, check=parse_fault, default=[], metavar="NAME@T",
+                     help="inject a fault at T simulated seconds (docs/faults: odometry-cut@40); may be repeated")
+    fly.add_argument("--log-images", action="store_true", help="record the camera's images (46 MB a minute and more)")
+    fly.add_argument("--autopilot-flavour", dest="autopilot", choices=AUTOPILOTS, default="px4",
+                     help="which autopilot the simulated one behaves like")
+    fly.add_argument("--quiet", action="store_true", help="no progress")
+
+    commands.add_parser("worlds", help="list the shipped worlds", description="The worlds that come with the simulator.")
+
+    bench = commands.add_parser("bench", help="measure and print a table",
+                                description="Measures and prints one row a metric: value, unit, reference, must, aim. "
+                                            "What has been measured is kept under runs/bench and not measured again.")
+    bench.add_argument("name", metavar="NAME", help="which bench: flight")
+    bench.add_argument("--json", type=Path, metavar="FILE", help="write the rows to this file, too")
+    bench.add_argument("--quick", action="store_true", help="fewer seeds; ends in 15 minutes")
+    bench.add_argument("--fresh", action="store_true", help="measure everything again")
+
+    again = commands.add_parser("report", help="make the report of a run again",
+                                description="Scores a recorded run again and rewrites its report and pictures.")
+    again.add_argument("run", type=Path, metavar="RUN", help="run directory")
+
+    compare = commands.add_parser("compare", help="say whether two runs are equal",
+                                  description="Compares two reports; what depends on the machine (wall time, step time, "
+                                              "process memory, dates, paths) is left out. Exit code 0: equal, 1: not.")
+    compare.add_argument("first", type=Path, metavar="RUN_A")
+    compare.add_argument("second", type=Path, metavar="RUN_B")
+    return top
+
+
+def _fly(options) -> int:
+    from noctule import flight
+
+    settings = FlightSettings(world=options.world, seed=options.seed, out=options.out, realtime=options.realtime,
+                              camera=options.camera, max_time_s=options.max_time, parameters=dict(options.param),
+                              preset=options.preset, profile=options.profile, faults=options.fault,
+                              log_images=options.log_images, autopilot=options.autopilot)
+    result = flight.fly(settings, options.quiet)
+    print(flight.summary(result))
+    print(f"report: {Path(result['run']) / 'report.html'}")
+    return flight.exit_code(result)
+
+
+def _worlds(_) -> int:
+    from noctule_sim.world import load_world, shipped_worlds
+
+    for name in shipped_worlds():
+        world = load_world(name)
+        x0, y0, x1, y1 = world.bounds_m()
+        floors = ", ".join(f"{f.elevation_m:g}" for f in world.floors)
+        print(f"{name:12s} {x1 - x0:5.1f} x {y1 - y0:4.1f} m   floors at {floors} m   {len(world.objects)} objects")
+    return 0
+
+
+def _bench(options) -> int:
+    from noctule import bench
+
+    rows = bench.run(options.name, options.quick, options.fresh)
+    print(bench.table(rows))
+    if options.json is not None:
+        options.json.parent.mkdir(parents=True, exist_ok=True)
+        options.json.write_text(json.dumps(rows, indent=2) + "\n", encoding="utf-8")
+    return 0 if all(row["ok"] is not False for row in bench.judged(rows)) else 1
+
+
+def _report(options) -> int:
+    from noctule import flight, report
+
+    result = report.write(options.run)
+    print(flight.summary(result))
+    print(f"report: {options.run / 'report.html'}")
+    return 0
+
+
+def _compare(options) -> int:
+    from noctule import compare, record
+
+    reports = []
+    for folder in (options.first, options.second):
+        reports.append(record.read_json(folder / "report.json"))
+        if not reports[-1]:
+            raise InputError(f"{folder}: no report.json in it")
+    lines = compare.differences(*reports)
+    print("\n".join(lines) if lines else "equal")
+    return 1 if lines else 0
+
+
+def main(arguments=None) -> int:
+    """Runs the command; returns its exit code."""
+    options = parser().parse_args(arguments)
+    action = {"fly": _fly, "worlds": _worlds, "bench": _bench, "report": _report, "compare": _compare}[options.command]
+    try:
+        return action(options)
+    except InputError as error:
+        print(f"noctule: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        return 130
+    except BrokenPipeError:
+        return 1
+    except ValueError as error:
+        from noctule.record import RecordError
+
+        if not isinstance(error, RecordError):
+            raise
+        print(f"noctule: {error}", file=sys.stderr)
+        return 2
+
+
+if __name__ == "__main__":
+    sys.exit(main())
