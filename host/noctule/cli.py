@@ -93,7 +93,7 @@ def parser() -> argparse.ArgumentParser:
     fly.add_argument("--preset", choices=PRESETS, default="default", help="set of tunables to begin with; paper: as published")
     fly.add_argument("--profile", choices=PROFILES, default="default", help="how good the sensors are")
     fly.add_argument("--fault", action=_Plain, check=parse_fault, default=[], metavar="NAME@T",
-                     help="inject a fault at T simulated seconds (docs/faults: odometry-cut@40); may be repeated")
+                     help="inject a fault at T simulated seconds (for instance odometry-cut@40); may be repeated")
     fly.add_argument("--log-images", action="store_true", help="record the camera's images (46 MB a minute and more)")
     fly.add_argument("--autopilot-flavour", dest="autopilot", choices=AUTOPILOTS, default="px4",
                      help="which autopilot the simulated one behaves like")

@@ -63,14 +63,14 @@ def map_png(primitives, floor_elevation_m: float, start: StartPose, grid, nav: d
     scale = 9.0 / max(width, height)
     figure = _figure(max(4.0, width * scale) + 0.8, max(3.0, height * scale) + 0.9)
     axes = figure.add_subplot()
-    axes.set_facecolor("#e8e6e1")
+    axes.set_facecolor("#cbc7bf")
     if grid is not None:
         odds, x0, y0, cell = grid
         picture = np.zeros(odds.shape + (4,), np.uint8)
-        strength = np.minimum(np.abs(odds.astype(np.int16)) * 6, 255).astype(np.uint8)
+        strength = np.minimum(np.abs(odds.astype(np.int16)) * 9, 255).astype(np.uint8)
         picture[odds < 0] = (255, 255, 255, 255)
         picture[odds > 0] = (40, 40, 44, 255)
-        picture[..., 3] = np.maximum(strength, np.where(odds != 0, 90, 0))
+        picture[..., 3] = np.maximum(strength, np.where(odds != 0, 150, 0))
         place = Affine2D().rotate(start.yaw_rad).translate(start.x_m, start.y_m)
         axes.imshow(picture, origin="lower", interpolation="nearest", zorder=1,
                     extent=(x0, x0 + odds.shape[1] * cell, y0, y0 + odds.shape[0] * cell),

@@ -36,7 +36,6 @@ class GroundStation:
         self._next_heartbeat = 0.0
         self._next_start = 0.0
         self._attempts = 0
-        self._earliest_s: float | None = None
         self.companion_system: int | None = None
         self.armed = False
         self.was_armed = False
@@ -111,27 +110,19 @@ class GroundStation:
             self._send(mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0,
                                                          mavlink.MAV_STATE_ACTIVE, 3))
 
-    def start_mission(self, earliest_s: float = 0.0) -> None:
-        """Asks the companion to start, again and again until answered; call it often.
-
-        Args:
-            earliest_s: autopilot time before which the start is held back [s]; 0: at once. Being counted in the
-                flight's own time, it makes the start the same in every run.
-        """
-        if earliest_s != self._earliest_s:
-            self._earliest_s, self._attempts, self._next_start, self.start_result = earliest_s, 0, 0.0, None
+    def start_mission(self) -> None:
+        """Asks the companion to start, again and again until answered; call it often."""
         if self.companion_system is None or time.monotonic() < self._next_start:
             return
         self._next_start = time.monotonic() + RETRY_S
         self._send(mavlink.MAVLink_command_long_message(
             self.companion_system, COMPANION_COMPONENT, mavlink.MAV_CMD_MISSION_START, min(self._attempts, 255),
-            0.0, 0.0, earliest_s, 0.0, 0.0, 0.0, 0.0))
+            0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
         self._attempts += 1
 
-    @property
-    def start_pending(self) -> bool:
-        """The companion holds the start back until its time."""
-        return self.start_result == mavlink.MAV_RESULT_IN_PROGRESS
+    def new_start(self) -> None:
+        """Forgets the last answer: the next start_mission() is a new order."""
+        self.start_result, self._attempts, self._next_start = None, 0, 0.0
 
     @property
     def start_accepted(self) -> bool:
