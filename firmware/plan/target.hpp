@@ -3,8 +3,11 @@
 
 #include <cstdint>
 
+#include <algorithm>
+
 #include "core/bounded.hpp"
 #include "core/capacity.hpp"
+#include "params.gen.hpp"
 
 namespace noctule {
 
@@ -14,6 +17,15 @@ struct PathPoint {
     float y_m = 0.0F;
     float clearance_m = 0.0F;  ///< from here to the nearest known hit point, at most about 0.8 m
 };
+
+/// Speed allowed where the nearest hit point is this far from the centre of the hull: the full one from the comfortable
+/// clearance on, falling linearly to speed_near_m_s where the hull just fits. docs/maths/command.md, equation (1).
+[[nodiscard]] inline float speed_at_clearance_m_s(const Parameters& p, const float clearance_m) {
+    const float low_m = p.hull_radius_m + p.plan_margin_m;
+    const float high_m = std::max(p.comfort_clearance_m, low_m + 0.01F);
+    const float near_m_s = std::min(p.speed_near_m_s, p.speed_max_m_s);
+    return near_m_s + (p.speed_max_m_s - near_m_s) * std::clamp((clearance_m - low_m) / (high_m - low_m), 0.0F, 1.0F);
+}
 
 struct Target {
     enum class Mode : std::uint8_t {

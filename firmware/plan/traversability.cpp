@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "plan/target.hpp"
+
 namespace noctule {
 
 namespace {
@@ -24,18 +26,10 @@ void Traversability::reset() {
     next_tile_ = 0;
 }
 
-float Traversability::speed_m_s(const float clearance_m) const {
-    const float low = p_.hull_radius_m + p_.plan_margin_m;
-    const float high = std::max(p_.comfort_clearance_m, low + 0.01F);
-    const float near = std::min(p_.speed_near_m_s, p_.speed_max_m_s);
-    const float share = std::clamp((clearance_m - low) / (high - low), 0.0F, 1.0F);
-    return near + (p_.speed_max_m_s - near) * share;
-}
-
 void Traversability::load_parameters() {
     need_cm_ = std::clamp(static_cast<std::int32_t>(std::lround(100.0F * (p_.hull_radius_m + p_.plan_margin_m))), 1, kCapCm);
     for (std::int32_t k = 0; k <= kCapCm; ++k) {
-        slowness_[static_cast<std::size_t>(k)] = p_.speed_max_m_s / speed_m_s(0.01F * static_cast<float>(k));
+        slowness_[static_cast<std::size_t>(k)] = p_.speed_max_m_s / speed_at_clearance_m_s(p_, 0.01F * static_cast<float>(k));
     }
 }
 

@@ -35,8 +35,6 @@ public:
     [[nodiscard]] bool tight(const CellId id) const { return id != kNoCell && (value(id) & 0x7F) >= kTightCm; }
     /// Time to cross a unit of length there, against crossing it at full speed; at least 1. docs/maths/potential.md, equation (5).
     [[nodiscard]] float slowness(const CellId id) const { return slowness_[static_cast<std::size_t>(clearance_cm(id))]; }
-    /// Speed allowed at a clearance in metres.
-    [[nodiscard]] float speed_m_s(float clearance_m) const;
 
     [[nodiscard]] std::size_t blocks_waiting() const { return queue_size_; }
     [[nodiscard]] std::uint32_t blocks_done() const { return blocks_done_; }

@@ -1,0 +1,214 @@
+#include "command/guard.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+namespace noctule {
+
+namespace {
+
+constexpr float kReachM = 1.6F;         ///< hit points farther than this cannot matter within a step
+constexpr float kBlindReachM = 1.0F;    ///< in the sector that the laser does not see the grid's hits stand in
+constexpr float kForesightS = 0.4F;     ///< motion this far ahead must stay clear
+constexpr float kNotableM = 0.01F;      ///< smaller changes do not count as interventions
+constexpr float kMaxGapS = 0.2F;
+constexpr float kStepSlackM = 0.02F;
+constexpr int kPushRounds = 10;
+
+bool finite(const Setpoint& s) {
+    return std::isfinite(s.x_m) && std::isfinite(s.y_m) && std::isfinite(s.z_m) && std::isfinite(s.vx_m_s) && std::isfinite(s.vy_m_s) &&
+           std::isfinite(s.vz_m_s) && std::isfinite(s.yaw_rad);
+}
+
+}  // namespace
+
+void Guard::note(const GuardRule rule) {
+    ++acted_[static_cast<std::size_t>(rule)];
+    if (rule_ == GuardRule::none) { rule_ = rule; }
+}
+
+void Guard::gather(const Estimate& estimate, const LevelScan& scan, const OccupancyGrid& grid) {
+    near_.clear();
+    const Pose2<Map, Body>& pose = estimate.planar.pose_map_body;
+    float widest_rad = 0.0F;
+    float nearest = kReachM;
+    for (const ScanPoint& p : scan.points) {
+        widest_rad = std::max(widest_rad, std::fabs(std::atan2(p.y_m, p.x_m)));
+        if (!p.hit) { continue; }
+        const float r = std::hypot(p.x_m, p.y_m);
+        if (!(r < kReachM)) { continue; }
+        nearest = std::min(nearest, r);
+        const Point2<Map> q = pose * Point2<Body>{p.x_m, p.y_m};
+        static_cast<void>(near_.push({q.x_m, q.y_m}));
+    }
+    const Cell here = grid.geometry().cell(pose.x_m, pose.y_m);
+    const auto reach = static_cast<std::int32_t>(grid.geometry().to_cells(kBlindReachM));
+    for (std::int32_t dy = -reach; dy <= reach; ++dy) {
+        for (std::int32_t dx = -reach; dx <= reach; ++dx) {
+            const CellId id = grid.find(Cell{here.ix + dx, here.iy + dy});
+            if (grid.cell_class(id) != CellClass::occupied) { continue; }
+            float x_m = 0.0F;
+            float y_m = 0.0F;
+            grid.hit_point(id, x_m, y_m);
+            const float bearing = wrap_angle(std::atan2(y_m - pose.y_m, x_m - pose.x_m) - pose.yaw_rad);
+            if (std::fabs(bearing) < widest_rad) { continue; }
+            nearest = std::min(nearest, std::hypot(x_m - pose.x_m, y_m - pose.y_m));
+            static_cast<void>(near_.push({x_m, y_m}));
+        }
+    }
+    clearance_m_ = nearest < kReachM ? nearest - p_.hull_radius_m : std::numeric_limits<float>::quiet_NaN();
+}
+
+float Guard::nearest_m(const float x_m, const float y_m, float& at_x_m, float& at_y_m) const {
+    float best = kReachM * kReachM;
+    for (const Near& n : near_) {
+        const float d2 = (n.x_m - x_m) * (n.x_m - x_m) + (n.y_m - y_m) * (n.y_m - y_m);
+        if (d2 < best) {
+            best = d2;
+            at_x_m = n.x_m;
+            at_y_m = n.y_m;
+        }
+    }
+    return std::sqrt(best);
+}
+
+// The setpoint may not come nearer to a hit point than hull and margin: it is pushed out to that distance, away from the nearest
+// point, again and again; between two sides that ends in the middle. What is still too near then is not sent.
+bool Guard::keep_clear(const Estimate& estimate, const float dt_s) {
+    const Pose2<Map, Body>& pose = estimate.planar.pose_map_body;
+    const float wanted_m = p_.hull_radius_m + p_.guard_margin_m;
+    const float least_m = p_.hull_radius_m + std::min(p_.guard_least_m, p_.guard_margin_m);
+    float hx = 0.0F;
+    float hy = 0.0F;
+    const float x0 = out_.x_m;
+    const float y0 = out_.y_m;
+    bool acted = false;
+    // The way from the vehicle to the setpoint: cut where it would pass too near (and nearer than the vehicle is already).
+    const float here_m = nearest_m(pose.x_m, pose.y_m, hx, hy);
+    const float dx = out_.x_m - pose.x_m;
+    const float dy = out_.y_m - pose.y_m;
+    for (int k = 1; k <= 8; ++k) {
+        const float f = static_cast<float>(k) / 8.0F;
+        if (nearest_m(pose.x_m + f * dx, pose.y_m + f * dy, hx, hy) >= std::min(least_m, here_m) - 0.005F) { continue; }
+        const float safe = static_cast<float>(k - 1) / 8.0F;
+        out_.x_m = pose.x_m + safe * dx;
+        out_.y_m = pose.y_m + safe * dy;
+        break;
+    }
+    for (int round = 0; round < kPushRounds; ++round) {
+        const float d = nearest_m(out_.x_m, out_.y_m, hx, hy);
+        if (d >= wanted_m || d < 1e-3F) { break; }
+        const float push = (round + 1 < kPushRounds ? 0.6F : 0.5F) * (wanted_m - d) / d;
+        out_.x_m += push * (out_.x_m - hx);
+        out_.y_m += push * (out_.y_m - hy);
+    }
+    const float moved = std::hypot(out_.x_m - x0, out_.y_m - y0);
+    if (moved > kNotableM) { acted = true; }
+    // Velocity towards a point that the motion of the next moment would reach: that component is taken out.
+    const float px = out_.x_m + kForesightS * out_.vx_m_s;
+    const float py = out_.y_m + kForesightS * out_.vy_m_s;
+    const float ahead_m = nearest_m(px, py, hx, hy);
+    if (ahead_m < wanted_m && ahead_m > 1e-3F) {
+        const float rx = out_.x_m - hx;
+        const float ry = out_.y_m - hy;
+        const float r = std::max(std::hypot(rx, ry), 1e-3F);
+        const float towards = -(out_.vx_m_s * rx + out_.vy_m_s * ry) / r;
+        const float allowed = std::max(0.0F, (r - least_m) / kForesightS);
+        if (towards > allowed) {
+            out_.vx_m_s += (towards - allowed) * rx / r;
+            out_.vy_m_s += (towards - allowed) * ry / r;
+            acted = acted || (towards - allowed) * dt_s > kNotableM;
+        }
+    }
+    return acted;
+}
+
+const Setpoint& Guard::decide(const Estimate& estimate, const LevelScan& scan, const OccupancyGrid& grid, const Setpoint& wanted,
+                              const bool vertical_free, const std::int64_t t_us) {
+    rule_ = GuardRule::none;
+    const float dt_s = last_us_ < 0 ? 0.05F : std::clamp(static_cast<float>(t_us - last_us_) * 1e-6F, 0.0F, kMaxGapS);
+    last_us_ = t_us;
+    const Pose2<Map, Body>& pose = estimate.planar.pose_map_body;
+    const bool lost = estimate.planar.quality < 0 || !std::isfinite(pose.x_m) || !std::isfinite(pose.y_m) || !std::isfinite(pose.yaw_rad);
+    const bool stale = static_cast<float>(t_us - scan.t_us) > 1e6F * p_.guard_stale_s;
+    if (!lost) { gather(estimate, scan, grid); }
+    if (!wanted.valid) {
+        out_ = wanted;
+        last_ = out_;
+        return out_;
+    }
+    out_ = wanted;
+    if (!finite(out_)) {
+        note(GuardRule::not_finite);
+        out_ = last_;
+        out_.vx_m_s = out_.vy_m_s = out_.vz_m_s = 0.0F;
+        if (!last_.valid || !finite(last_)) { out_ = Setpoint{}; }
+        ++interventions_;
+        return out_;
+    }
+    if ((lost || stale) && last_.valid) {
+        if (std::hypot(out_.x_m - last_.x_m, out_.y_m - last_.y_m) > 1e-4F || std::hypot(out_.vx_m_s, out_.vy_m_s) > 1e-3F) { note(GuardRule::scan_stale); }
+        out_.x_m = last_.x_m;
+        out_.y_m = last_.y_m;
+        out_.yaw_rad = last_.yaw_rad;
+        out_.vx_m_s = out_.vy_m_s = 0.0F;
+    }
+    const float from_start = std::hypot(out_.x_m, out_.y_m);
+    if (from_start > p_.fence_radius_m || out_.z_m > p_.fence_height_m) {
+        note(GuardRule::fence);
+        const float f = std::min(1.0F, p_.fence_radius_m / std::max(from_start, 1e-3F));
+        out_.x_m *= f;
+        out_.y_m *= f;
+        out_.z_m = std::min(out_.z_m, p_.fence_height_m);
+        out_.vx_m_s = out_.vy_m_s = 0.0F;
+        out_.vz_m_s = std::min(out_.vz_m_s, 0.0F);
+    }
+    if (!lost) {
+        const float lead = std::hypot(out_.x_m - pose.x_m, out_.y_m - pose.y_m);
+        const float most = p_.setpoint_ahead_s * p_.speed_max_m_s;
+        if (lead > most) {
+            note(GuardRule::ahead);
+            out_.x_m = pose.x_m + (out_.x_m - pose.x_m) * most / lead;
+            out_.y_m = pose.y_m + (out_.y_m - pose.y_m) * most / lead;
+        }
+    }
+    const float speed = std::hypot(out_.vx_m_s, out_.vy_m_s);
+    if (speed > 1.05F * p_.speed_max_m_s) {
+        note(GuardRule::speed);
+        out_.vx_m_s *= p_.speed_max_m_s / speed;
+        out_.vy_m_s *= p_.speed_max_m_s / speed;
+    }
+    if (!lost && !stale && keep_clear(estimate, dt_s)) { note(GuardRule::clearance); }
+    // After the pushes, so that the answer never jumps whatever moved it.
+    if (last_.valid) {
+        const float step = std::hypot(out_.x_m - last_.x_m, out_.y_m - last_.y_m);
+        const float most = 1.1F * p_.speed_max_m_s * dt_s + kStepSlackM;
+        if (step > most) {
+            note(GuardRule::step);
+            out_.x_m = last_.x_m + (out_.x_m - last_.x_m) * most / step;
+            out_.y_m = last_.y_m + (out_.y_m - last_.y_m) * most / step;
+        }
+        const float most_up = 2.0F * p_.climb_rate_m_s * dt_s + kStepSlackM;
+        if (std::fabs(out_.z_m - last_.z_m) > most_up) {
+            note(GuardRule::step);
+            out_.z_m = last_.z_m + std::copysign(most_up, out_.z_m - last_.z_m);
+        }
+    }
+    if (!vertical_free) {
+        const AltitudeEstimate& a = estimate.altitude;
+        const float half_m = 0.5F * p_.hull_height_m + 0.5F * p_.vertical_clearance_m;
+        const float low = std::isfinite(a.ground_z_m) ? a.ground_z_m + half_m : -std::numeric_limits<float>::infinity();
+        const float high = std::isfinite(a.ceiling_z_m) ? a.ceiling_z_m - half_m : std::numeric_limits<float>::infinity();
+        if (low <= high && (out_.z_m < low - 1e-3F || out_.z_m > high + 1e-3F)) {
+            note(GuardRule::ceiling);
+            out_.z_m = std::clamp(out_.z_m, low, high);
+            out_.vz_m_s = 0.0F;
+        }
+    }
+    if (rule_ != GuardRule::none) { ++interventions_; }
+    last_ = out_;
+    return out_;
+}
+
+}  // namespace noctule

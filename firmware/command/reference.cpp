@@ -1,0 +1,188 @@
+#include "command/reference.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+
+#include "core/angle.hpp"
+
+namespace noctule {
+
+namespace {
+
+constexpr float kMaxGapS = 0.2F;
+constexpr float kBrakeShare = 0.6F;      ///< of the acceleration limit that the speed profile counts on; the rest is for jerk and curves
+constexpr float kVelocityTimeS = 0.2F;   ///< in which the velocity wanted is reached, limits permitting
+constexpr float kAheadM = 0.20F;         ///< least distance at which the path is aimed at
+constexpr float kAheadS = 0.30F;         ///< and more with speed
+constexpr std::size_t kCurveSpan = 3;    ///< points before and after over which the path's curve is measured
+constexpr float kDoneM = 0.01F;
+constexpr float kHeightTimeS = 0.5F;
+constexpr float kHeightAheadM = 0.35F;   ///< of the reference over or under the estimate, at most
+constexpr float kYawAheadRad = 0.6F;
+
+float clamp_step(const float from, const float to, const float step) { return from + std::clamp(to - from, -step, step); }
+
+}  // namespace
+
+void Reference::start_at(const Estimate& estimate) {
+    const Pose2<Map, Body>& pose = estimate.planar.pose_map_body;
+    now_ = Setpoint{};
+    now_.x_m = pose.x_m;
+    now_.y_m = pose.y_m;
+    now_.z_m = estimate.altitude.z_m;
+    now_.yaw_rad = pose.yaw_rad;
+    ax_m_s2_ = ay_m_s2_ = yaw_rate_rad_s_ = 0.0F;
+}
+
+void Reference::settle(const Setpoint& sent) {
+    if (!sent.valid) { return; }
+    if (sent.x_m != now_.x_m || sent.y_m != now_.y_m || sent.vx_m_s != now_.vx_m_s || sent.vy_m_s != now_.vy_m_s) { ax_m_s2_ = ay_m_s2_ = 0.0F; }
+    now_ = sent;
+}
+
+// docs/maths/command.md, equations (1) to (3): greatest speed now from which every limit ahead can still be met.
+float Reference::allowed_speed_m_s(const Target& target) const {
+    const auto& path = target.path;
+    float speed = 0.0F;  // at the end of the path the reference stands
+    for (std::size_t k = path.size(); k-- > 0;) {
+        if (k + 1U < path.size()) {
+            const float ds = std::hypot(path[k + 1U].x_m - path[k].x_m, path[k + 1U].y_m - path[k].y_m);
+            speed = std::sqrt(speed * speed + 2.0F * kBrakeShare * p_.accel_max_m_s2 * ds);
+        }
+        float limit = speed_at_clearance_m_s(p_, path[k].clearance_m);
+        if (k >= kCurveSpan && k + kCurveSpan < path.size()) {
+            const PathPoint& a = path[k - kCurveSpan];
+            const PathPoint& b = path[k];
+            const PathPoint& c = path[k + kCurveSpan];
+            const float in = std::hypot(b.x_m - a.x_m, b.y_m - a.y_m);
+            const float out = std::hypot(c.x_m - b.x_m, c.y_m - b.y_m);
+            if (in > 1e-3F && out > 1e-3F) {
+                const float turn = std::fabs(wrap_angle(std::atan2(c.y_m - b.y_m, c.x_m - b.x_m) - std::atan2(b.y_m - a.y_m, b.x_m - a.x_m)));
+                const float curvature_per_m = 2.0F * turn / (in + out);
+                limit = std::min(limit, std::sqrt(p_.accel_max_m_s2 / std::max(curvature_per_m, 1e-3F)));
+            }
+        }
+        speed = std::min(speed, limit);
+    }
+    return speed;
+}
+
+void Reference::move_along(const Target& target, const Estimate& estimate, const float dt_s) {
+    const auto& path = target.path;
+    float want_vx = 0.0F;
+    float want_vy = 0.0F;
+    const float speed = std::hypot(now_.vx_m_s, now_.vy_m_s);
+    if (target.mode != Target::Mode::hold && !path.empty()) {
+        const float ahead_m = kAheadM + kAheadS * speed;
+        // The point of the path that far ahead; the path begins at the reference itself.
+        float px = now_.x_m;
+        float py = now_.y_m;
+        float gone = 0.0F;
+        float left = 0.0F;
+        float aim_x = path.back().x_m;
+        float aim_y = path.back().y_m;
+        bool aimed = false;
+        for (const PathPoint& p : path) {
+            const float ds = std::hypot(p.x_m - px, p.y_m - py);
+            if (!aimed && gone + ds >= ahead_m && ds > 1e-4F) {
+                const float f = (ahead_m - gone) / ds;
+                aim_x = px + f * (p.x_m - px);
+                aim_y = py + f * (p.y_m - py);
+                aimed = true;
+            }
+            gone += ds;
+            px = p.x_m;
+            py = p.y_m;
+        }
+        left = gone;
+        const float dx = aim_x - now_.x_m;
+        const float dy = aim_y - now_.y_m;
+        const float distance = std::hypot(dx, dy);
+        if (left > kDoneM && distance > 1e-4F) {
+            const float ux = dx / distance;
+            const float uy = dy / distance;
+            float v = allowed_speed_m_s(target);
+            if (path.size() == 1U) {  // a single point: straight to it
+                v = std::min(speed_at_clearance_m_s(p_, path[0].clearance_m), std::sqrt(2.0F * kBrakeShare * p_.accel_max_m_s2 * left));
+            }
+            v = std::min(v, left / kVelocityTimeS * 0.7F);
+            if (speed > 0.15F) {  // turning round: brake first, so that the old motion does not carry into what the path avoids
+                const float along = (now_.vx_m_s * ux + now_.vy_m_s * uy) / speed;
+                v *= std::clamp(along, 0.1F, 1.0F);
+            }
+            // Wait for a vehicle that lags.
+            const Pose2<Map, Body>& pose = estimate.planar.pose_map_body;
+            const float lead_x = now_.x_m - pose.x_m;
+            const float lead_y = now_.y_m - pose.y_m;
+            const float lead = std::hypot(lead_x, lead_y);
+            const float most = p_.setpoint_ahead_s * p_.speed_max_m_s;
+            if (lead_x * ux + lead_y * uy > 0.0F) { v *= std::clamp((0.9F * most - lead) / (0.5F * most), 0.0F, 1.0F); }
+            want_vx = v * ux;
+            want_vy = v * uy;
+        }
+    }
+    // Acceleration towards the velocity wanted, limited in size and in change.
+    float ax = (want_vx - now_.vx_m_s) / kVelocityTimeS;
+    float ay = (want_vy - now_.vy_m_s) / kVelocityTimeS;
+    const float a = std::hypot(ax, ay);
+    if (a > p_.accel_max_m_s2) {
+        ax *= p_.accel_max_m_s2 / a;
+        ay *= p_.accel_max_m_s2 / a;
+    }
+    const float change = std::hypot(ax - ax_m_s2_, ay - ay_m_s2_);
+    const float most_change = p_.jerk_max_m_s3 * dt_s;
+    const float share = change > most_change ? most_change / change : 1.0F;
+    ax_m_s2_ += share * (ax - ax_m_s2_);
+    ay_m_s2_ += share * (ay - ay_m_s2_);
+    now_.vx_m_s += ax_m_s2_ * dt_s;
+    now_.vy_m_s += ay_m_s2_ * dt_s;
+    const float faster = std::hypot(now_.vx_m_s, now_.vy_m_s);
+    if (faster > p_.speed_max_m_s) {
+        now_.vx_m_s *= p_.speed_max_m_s / faster;
+        now_.vy_m_s *= p_.speed_max_m_s / faster;
+    }
+    now_.x_m += now_.vx_m_s * dt_s;
+    now_.y_m += now_.vy_m_s * dt_s;
+}
+
+void Reference::move_height(const Target& target, const Estimate& estimate, const float dt_s) {
+    const float up = target.z_m - now_.z_m;
+    const float brake = std::sqrt(2.0F * kBrakeShare * p_.vertical_accel_m_s2 * std::fabs(up));
+    const float rate = std::min({target.climb_rate_m_s, brake, std::fabs(up) / kHeightTimeS});
+    const float lead = now_.z_m - estimate.altitude.z_m;
+    const bool waits = std::fabs(lead) > kHeightAheadM && lead * up > 0.0F;
+    const float want = waits ? 0.0F : std::copysign(rate, up);
+    now_.vz_m_s = clamp_step(now_.vz_m_s, want, p_.vertical_accel_m_s2 * dt_s);
+    now_.z_m += now_.vz_m_s * dt_s;
+}
+
+void Reference::turn(const float yaw_rad, const Estimate& estimate, const float dt_s) {
+    const float left = wrap_angle(yaw_rad - now_.yaw_rad);
+    const float brake = std::sqrt(2.0F * kBrakeShare * p_.yaw_accel_rad_s2 * std::fabs(left));
+    const float rate = std::min({p_.yaw_rate_max_rad_s, brake, std::fabs(left) / kVelocityTimeS});
+    const float lead = wrap_angle(now_.yaw_rad - estimate.planar.pose_map_body.yaw_rad);
+    const bool waits = std::fabs(lead) > kYawAheadRad && lead * left > 0.0F;
+    yaw_rate_rad_s_ = clamp_step(yaw_rate_rad_s_, waits ? 0.0F : std::copysign(rate, left), p_.yaw_accel_rad_s2 * dt_s);
+    now_.yaw_rad = wrap_angle(now_.yaw_rad + yaw_rate_rad_s_ * dt_s);
+}
+
+const Setpoint& Reference::step(const Estimate& estimate, const Target& target, const std::int64_t t_us) {
+    const float dt_s = t_us_ < 0 ? 0.0F : std::clamp(static_cast<float>(t_us - t_us_) * 1e-6F, 0.0F, kMaxGapS);
+    t_us_ = t_us;
+    if (target.mode == Target::Mode::none) {
+        start_at(estimate);
+        return now_;
+    }
+    if (!now_.valid) { start_at(estimate); }
+    now_.valid = true;
+    if (target.mode == Target::Mode::ground) { return now_; }
+    if (dt_s > 0.0F) {
+        move_along(target, estimate, dt_s);
+        move_height(target, estimate, dt_s);
+        turn(target.mode == Target::Mode::hold ? now_.yaw_rad : target.yaw_rad, estimate, dt_s);
+    }
+    return now_;
+}
+
+}  // namespace noctule

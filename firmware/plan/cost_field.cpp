@@ -1,0 +1,116 @@
+#include "plan/cost_field.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace noctule {
+
+namespace {
+
+constexpr float kSteps[2] = {64.0F, 90.50967F};   ///< cost of a straight and of a diagonal step at full speed
+constexpr float kTightFactor = 6.0F;              ///< slowness where the hull fits without its margin
+constexpr float kSlowest = 20.0F;                 ///< keeps an edge below the ring of buckets
+
+}  // namespace
+
+static_assert(CostField::kUnit == 64, "kSteps is in these units");
+
+void OpenCells::clear() {
+    head_.fill(-1);
+    free_ = -1;
+    used_ = 0;
+    size_ = 0;
+    base_ = 0;
+}
+
+bool OpenCells::push(const CellId id, const std::uint32_t cost) {
+    std::int32_t node = free_;
+    if (node >= 0) {
+        free_ = nodes_[static_cast<std::size_t>(node)].next;
+    } else if (used_ < static_cast<std::int32_t>(kMaxOpenCells)) {
+        node = used_++;
+    } else {
+        ++refused_;
+        return false;
+    }
+    std::int32_t& head = head_[cost % static_cast<std::uint32_t>(kBuckets)];
+    nodes_[static_cast<std::size_t>(node)] = {id, head};
+    head = node;
+    ++size_;
+    return true;
+}
+
+bool OpenCells::pop(CellId& id, std::uint32_t& cost) {
+    if (size_ == 0) { return false; }
+    while (head_[base_ % static_cast<std::uint32_t>(kBuckets)] < 0) { ++base_; }
+    std::int32_t& head = head_[base_ % static_cast<std::uint32_t>(kBuckets)];
+    const std::int32_t node = head;
+    Node& n = nodes_[static_cast<std::size_t>(node)];
+    id = n.id;
+    cost = base_;
+    head = n.next;
+    n.next = free_;
+    free_ = node;
+    --size_;
+    return true;
+}
+
+void CostField::set(const CellId id, const std::uint32_t cost) {
+    const auto slot = static_cast<std::size_t>(id >> 12);
+    if (tile_run_[slot] != run_) {
+        tile_run_[slot] = run_;
+        cost_[slot].fill(kFar);
+    }
+    cost_[slot][static_cast<std::size_t>(id & 4095)] = cost;
+}
+
+void CostField::start(const OccupancyGrid& grid, const CellId root, const std::int32_t free_radius, OpenCells& open) {
+    run_ = ++runs_;
+    root_ = root;
+    free_radius_ = free_radius;
+    settled_ = 0;
+    stop_at_ = kFar;
+    done_ = root == kNoCell;
+    open.clear();
+    if (done_) { return; }
+    root_cell_ = grid.cell(root);
+    set(root, 0);
+    static_cast<void>(open.push(root, 0));
+}
+
+bool CostField::run(const OccupancyGrid& grid, const Traversability& where, OpenCells& open, const std::int32_t budget,
+                    const CellId until, const std::uint32_t beyond) {
+    if (done_) { return true; }
+    CellId id = kNoCell;
+    std::uint32_t at = 0;
+    for (std::int32_t k = 0; k < budget; ++k) {
+        if (!open.pop(id, at)) {
+            done_ = true;
+            return true;
+        }
+        if (cost(id) != at) { continue; }  // a cheaper way was found after this entry was made
+        if (at > stop_at_) {
+            done_ = true;
+            return true;
+        }
+        ++settled_;
+        if (id == until) { stop_at_ = at + beyond; }
+        const bool passable = where.passable(id);
+        const Cell c = grid.cell(id);
+        const bool leads_on = passable || (std::abs(c.ix - root_cell_.ix) <= free_radius_ && std::abs(c.iy - root_cell_.iy) <= free_radius_);
+        for (std::int32_t d = 0; d < 8; ++d) {
+            const CellId next = grid.neighbour(id, d);
+            if (next == kNoCell) { continue; }
+            const bool next_passable = where.passable(next);
+            // A tight cell is left, or entered from its like or from a passable one, but never crossed to come back out.
+            if (!next_passable && !where.tight(next)) { continue; }
+            if (next_passable && !leads_on) { continue; }
+            const float slow = next_passable ? where.slowness(next) : kTightFactor;
+            const std::uint32_t through = at + static_cast<std::uint32_t>(kSteps[d & 1] * std::min(slow, kSlowest));
+            if (through < cost(next) && open.push(next, through)) { set(next, through); }
+        }
+    }
+    return false;
+}
+
+}  // namespace noctule

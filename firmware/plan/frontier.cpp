@@ -1,0 +1,214 @@
+#include "plan/frontier.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace noctule {
+
+namespace {
+
+constexpr std::int32_t kRays = 72;
+constexpr float kSamePlaceM = 0.35F;      ///< tried places within this are one
+constexpr float kFirstTryShare = 0.6F;    ///< each try in vain brings the next viewpoint nearer by this
+constexpr std::int32_t kTriesPerRound = 3;
+constexpr float kDistanceCost = 0.25F;    ///< metres of way that a metre less of viewing distance is worth
+
+/// Class of the cell at a point, remembering the tile: rays stay in one for long.
+class Reader {
+public:
+    explicit Reader(const OccupancyGrid& grid) : grid_(grid) {}
+    CellId find(const float x_m, const float y_m) {
+        const Cell c = grid_.geometry().cell(x_m, y_m);
+        if (!known_ || (c.ix >> 6) != tile_x_ || (c.iy >> 6) != tile_y_) {
+            tile_x_ = c.ix >> 6;
+            tile_y_ = c.iy >> 6;
+            slot_ = grid_.tile_slot(tile_x_, tile_y_);
+            known_ = true;
+        }
+        return slot_ < 0 ? kNoCell : slot_ * kTileArea + (c.iy & 63) * kTileCells + (c.ix & 63);
+    }
+
+private:
+    const OccupancyGrid& grid_;
+    bool known_ = false;
+    std::int32_t tile_x_ = 0;
+    std::int32_t tile_y_ = 0;
+    std::int32_t slot_ = -1;
+};
+
+}  // namespace
+
+void TriedPlaces::add(const float x_m, const float y_m, const float view_distance_m, const std::int64_t t_us) {
+    const auto wait_us = [this](const std::int32_t tries) {
+        const std::int32_t rounds = std::min(tries / kTriesPerRound, 6);
+        return rounds < 1 ? std::int64_t{0} : static_cast<std::int64_t>(1e6F * p_.blacklist_s) << static_cast<unsigned>(rounds - 1);
+    };
+    for (Entry& e : entries_) {
+        if (std::hypot(e.x_m - x_m, e.y_m - y_m) > kSamePlaceM) { continue; }
+        ++e.tries;
+        e.distance_m = std::min(e.distance_m, view_distance_m);
+        e.until_us = t_us + (e.tries % kTriesPerRound == 0 ? wait_us(e.tries) : 0);
+        return;
+    }
+    if (entries_.full()) {  // the one whose time is over first gives way
+        std::size_t oldest = 0;
+        for (std::size_t k = 1; k < entries_.size(); ++k) {
+            if (entries_[k].until_us < entries_[oldest].until_us) { oldest = k; }
+        }
+        entries_.remove_unordered(oldest);
+    }
+    static_cast<void>(entries_.push({x_m, y_m, view_distance_m, 1, t_us}));
+}
+
+float TriedPlaces::distance_allowed_m(const float x_m, const float y_m, const std::int64_t t_us) const {
+    for (const Entry& e : entries_) {
+        if (std::hypot(e.x_m - x_m, e.y_m - y_m) > kSamePlaceM) { continue; }
+        if (t_us < e.until_us) { return 0.0F; }
+        // After a wait it gets one more look from as near as before.
+        return e.tries % kTriesPerRound == 0 ? std::max(e.distance_m, 0.4F) : kFirstTryShare * e.distance_m;
+    }
+    return p_.view_range_m;
+}
+
+void FrontierSearch::start() {
+    cells_.clear();
+    found_.clear();
+    for (auto& tile : marks_) { tile.fill(0); }
+    tile_ = 0;
+    next_cell_ = 0;
+    slivers_ = 0;
+}
+
+bool FrontierSearch::is_frontier(const OccupancyGrid& grid, const CellId id) {
+    if (grid.cell_class(id) != CellClass::free) { return false; }
+    for (std::int32_t d = 0; d < 8; d += 2) {
+        if (grid.cell_class(grid.neighbour(id, d)) == CellClass::unknown) { return true; }
+    }
+    return false;
+}
+
+void FrontierSearch::scan_tile(const OccupancyGrid& grid, const std::int32_t slot) {
+    for (std::int32_t k = 0; k < kTileArea; ++k) {
+        const CellId id = slot * kTileArea + k;
+        if (!is_frontier(grid, id)) { continue; }
+        if (!cells_.push(id)) { return; }
+        mark(id, true);
+    }
+}
+
+// Cells that hang together with the seed and lie within kGroupRadius of it.
+void FrontierSearch::gather(const OccupancyGrid& grid, const CellId seed) {
+    group_.clear();
+    static_cast<void>(group_.push(seed));
+    mark(seed, false);
+    const Cell s = grid.cell(seed);
+    for (std::size_t k = 0; k < group_.size(); ++k) {
+        for (std::int32_t d = 0; d < 8; ++d) {
+            const CellId n = grid.neighbour(group_[k], d);
+            if (n == kNoCell || !marked(n)) { continue; }
+            const Cell c = grid.cell(n);
+            if (std::abs(c.ix - s.ix) > kGroupRadius || std::abs(c.iy - s.iy) > kGroupRadius) { continue; }
+            if (!group_.push(n)) { return; }
+            mark(n, false);
+        }
+    }
+}
+
+// Rays from the frontier cell through free cells find the places that see it. A ray counts only if its continuation beyond the
+// cell meets the unknown: from there the laser would look into it, not along it.
+bool FrontierSearch::view(const OccupancyGrid& grid, const Traversability& where, const CostField& from, const float distance_m,
+                          const CellId look, Frontier& best, const float home_x_m, const float home_y_m) const {
+    const GridGeometry& g = grid.geometry();
+    const Cell c = grid.cell(look);
+    const float x_m = g.centre_x_m(c);
+    const float y_m = g.centre_y_m(c);
+    const float step_m = g.cell_m();
+    Reader reader{grid};
+    float best_score = best.view == kNoCell ? 1e9F
+                                            : static_cast<float>(best.cost) / static_cast<float>(CostField::kUnit) * step_m +
+                                                  kDistanceCost * std::hypot(best.view_x_m - best.x_m, best.view_y_m - best.y_m);
+    bool found = false;
+    for (std::int32_t k = 0; k < kRays; ++k) {
+        const float angle = 2.0F * kPi * static_cast<float>(k) / static_cast<float>(kRays);
+        const float ux = std::cos(angle);
+        const float uy = std::sin(angle);
+        bool into_unknown = false;
+        for (const float behind : {0.7F, 1.2F, 1.7F}) {
+            const CellClass kind = grid.cell_class(reader.find(x_m - behind * step_m * ux, y_m - behind * step_m * uy));
+            if (kind == CellClass::occupied) { break; }
+            if (kind == CellClass::unknown) {
+                into_unknown = true;
+                break;
+            }
+        }
+        if (!into_unknown) { continue; }
+        for (float r = 0.0F; r <= distance_m; r += step_m) {
+            const CellId id = reader.find(x_m + r * ux, y_m + r * uy);
+            if (grid.cell_class(id) != CellClass::free) { break; }
+            if (!where.passable(id)) { continue; }
+            const std::uint32_t cost = from.cost(id);
+            if (cost == CostField::kFar) { continue; }
+            const float score = static_cast<float>(cost) / static_cast<float>(CostField::kUnit) * step_m + kDistanceCost * r;
+            if (score >= best_score) { continue; }
+            const Cell v = grid.cell(id);
+            if (std::hypot(g.centre_x_m(v) - home_x_m, g.centre_y_m(v) - home_y_m) > p_.fence_radius_m - 0.5F) { continue; }
+            best_score = score;
+            best.look = look;
+            best.x_m = x_m;
+            best.y_m = y_m;
+            best.view = id;
+            best.view_x_m = g.centre_x_m(v);
+            best.view_y_m = g.centre_y_m(v);
+            best.cost = cost;
+            found = true;
+        }
+    }
+    return found;
+}
+
+void FrontierSearch::keep(const Frontier& f) {
+    if (found_.push(f)) { return; }
+    std::size_t smallest = 0;
+    for (std::size_t k = 1; k < found_.size(); ++k) {
+        if (found_[k].cells < found_[smallest].cells) { smallest = k; }
+    }
+    if (found_[smallest].cells < f.cells) { found_[smallest] = f; }
+}
+
+bool FrontierSearch::run(const OccupancyGrid& grid, const Traversability& where, const CostField& from, const TriedPlaces& tried,
+                         const float home_x_m, const float home_y_m, const std::int64_t t_us) {
+    if (tile_ < grid.tile_count()) {
+        for (std::int32_t k = 0; k < kTilesPerSlice && tile_ < grid.tile_count(); ++k) { scan_tile(grid, tile_++); }
+        return false;
+    }
+    for (std::int32_t groups = 0; next_cell_ < cells_.size(); ++next_cell_) {
+        const CellId seed = cells_[next_cell_];
+        if (!marked(seed)) { continue; }
+        if (groups == kGroupsPerSlice) { return false; }
+        gather(grid, seed);
+        if (static_cast<std::int32_t>(group_.size()) < p_.frontier_min_cells) { continue; }
+        ++groups;
+        Frontier f;
+        f.cells = static_cast<std::int32_t>(group_.size());
+        bool waits = false;
+        const std::size_t count = group_.size();
+        // The middle of the group first, then its ends.
+        for (const std::size_t member : {count / 2U, std::size_t{0}, count - 1U}) {
+            const Cell c = grid.cell(group_[member]);
+            const float distance_m = tried.distance_allowed_m(grid.geometry().centre_x_m(c), grid.geometry().centre_y_m(c), t_us);
+            if (!(distance_m > 0.0F)) {
+                waits = true;
+                continue;
+            }
+            static_cast<void>(view(grid, where, from, distance_m, group_[member], f, home_x_m, home_y_m));
+        }
+        if (f.view != kNoCell) {
+            keep(f);
+        } else if (!waits) {
+            ++slivers_;
+        }
+    }
+    return true;
+}
+
+}  // namespace noctule

@@ -1,0 +1,92 @@
+/// The edge of the unknown: free cells beside unknown ones, in groups, each with the cheapest place to look into it from.
+///
+/// docs/maths/explore.md. A pass over the map is cut into slices: scan the tiles, gather groups, find their viewpoints.
+/// A group that no reachable place can look into is a sliver and is left out. Frame Map. No heap.
+#pragma once
+
+#include <array>
+#include <cstdint>
+
+#include "core/bounded.hpp"
+#include "core/capacity.hpp"
+#include "map/occupancy_grid.hpp"
+#include "params.gen.hpp"
+#include "plan/cost_field.hpp"
+#include "plan/traversability.hpp"
+
+namespace noctule {
+
+/// A group of frontier cells.
+struct Frontier {
+    CellId look = kNoCell;    ///< the free cell that the viewpoint sees, unknown behind it
+    float x_m = 0.0F;         ///< that cell
+    float y_m = 0.0F;
+    CellId view = kNoCell;    ///< passable cell from which it is seen
+    float view_x_m = 0.0F;
+    float view_y_m = 0.0F;
+    std::uint32_t cost = CostField::kFar;  ///< of the way to the viewpoint from the root of the field
+    std::int32_t cells = 0;   ///< size of the group
+};
+
+/// Places that were looked at in vain.
+class TriedPlaces {
+public:
+    explicit TriedPlaces(const Parameters& parameters) : p_(parameters) {}
+    void clear() { entries_.clear(); }
+    /// A look from `view_distance_m` away showed nothing new.
+    void add(float x_m, float y_m, float view_distance_m, std::int64_t t_us);
+    /// Greatest distance from which to try next; 0: leave it alone now.
+    [[nodiscard]] float distance_allowed_m(float x_m, float y_m, std::int64_t t_us) const;
+    [[nodiscard]] std::size_t size() const { return entries_.size(); }
+
+private:
+    struct Entry { float x_m; float y_m; float distance_m; std::int32_t tries; std::int64_t until_us; };
+    const Parameters& p_;
+    Bounded<Entry, kMaxTriedPlaces> entries_;
+};
+
+class FrontierSearch {
+public:
+    explicit FrontierSearch(const Parameters& parameters) : p_(parameters) {}
+
+    void start();
+    /// One slice; true: the pass is complete and found() holds it.
+    bool run(const OccupancyGrid& grid, const Traversability& where, const CostField& from, const TriedPlaces& tried,
+             float home_x_m, float home_y_m, std::int64_t t_us);
+    [[nodiscard]] const Bounded<Frontier, kMaxFrontiers>& found() const { return found_; }
+    /// Groups of the last pass that are large enough but that nothing reachable can look into.
+    [[nodiscard]] std::int32_t slivers() const { return slivers_; }
+
+    /// True: the cell is free and has an unknown neighbour across an edge.
+    [[nodiscard]] static bool is_frontier(const OccupancyGrid& grid, CellId id);
+
+private:
+    static constexpr std::int32_t kTilesPerSlice = 6;
+    static constexpr std::int32_t kGroupsPerSlice = 6;
+    static constexpr std::int32_t kGroupRadius = 7;   ///< cells from the first one of a group; wider edges are several groups
+    static constexpr std::size_t kGroupCells = 256;
+    void scan_tile(const OccupancyGrid& grid, std::int32_t slot);
+    void gather(const OccupancyGrid& grid, CellId seed);
+    bool view(const OccupancyGrid& grid, const Traversability& where, const CostField& from, float distance_m, CellId look, Frontier& best,
+              float home_x_m, float home_y_m) const;
+    [[nodiscard]] bool marked(const CellId id) const {
+        return (marks_[static_cast<std::size_t>(id >> 12)][static_cast<std::size_t>((id >> 6) & 63)] >> static_cast<unsigned>(id & 63) & 1U) != 0U;
+    }
+    void mark(const CellId id, const bool on) {
+        std::uint64_t& word = marks_[static_cast<std::size_t>(id >> 12)][static_cast<std::size_t>((id >> 6) & 63)];
+        const std::uint64_t bit = std::uint64_t{1} << static_cast<unsigned>(id & 63);
+        word = on ? (word | bit) : (word & ~bit);
+    }
+    void keep(const Frontier& f);
+
+    const Parameters& p_;
+    std::array<std::array<std::uint64_t, kTileCells>, kMaxTiles> marks_{};
+    Bounded<CellId, kMaxFrontierCells> cells_;
+    Bounded<CellId, kGroupCells> group_;
+    Bounded<Frontier, kMaxFrontiers> found_;
+    std::int32_t tile_ = 0;
+    std::size_t next_cell_ = 0;
+    std::int32_t slivers_ = 0;
+};
+
+}  // namespace noctule

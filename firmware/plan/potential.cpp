@@ -1,0 +1,185 @@
+#include "plan/potential.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+namespace noctule {
+
+namespace {
+
+constexpr float kInfinity = std::numeric_limits<float>::infinity();
+// Weights of a straight and a diagonal step sum to one over the eight neighbours, and their logarithms stand as 1 to sqrt(2):
+// then the cost of the single best way is exactly the cost field. docs/maths/potential.md, equation (4).
+constexpr float kStraight = 1.7775816F;
+constexpr float kDiagonal = 2.5138800F;
+constexpr float kNatsPerUnit = kStraight / static_cast<float>(CostField::kUnit);
+constexpr float kNegligible = 12.0F;   ///< a neighbour this many nats behind adds nothing in float
+constexpr std::int32_t kSmoothRounds = 12;
+constexpr float kLongestM = 3.0F;      ///< of the path ahead: twice what stopping from full speed needs
+
+}  // namespace
+
+float Potential::value(const OccupancyGrid& grid, const CostField& field, const CellId id) const {
+    if (id == kNoCell) { return kInfinity; }
+    if (full_) {
+        const Entry& e = ring_[at(grid.cell(id))];
+        if (e.cell == grid.cell(id)) { return e.value; }
+    }
+    const std::uint32_t cost = field.cost(id);
+    return cost == CostField::kFar ? kInfinity : kNatsPerUnit * static_cast<float>(cost);
+}
+
+void Potential::relax(const OccupancyGrid& grid, const Traversability& where, const CostField& field, const float x_m,
+                      const float y_m, const std::int32_t sweeps) {
+    const Cell centre = grid.geometry().cell(x_m, y_m);
+    const auto half = std::min<std::int32_t>(static_cast<std::int32_t>(grid.geometry().to_cells(p_.potential_window_m)), kWindow / 2 - 2);
+    // Cells that come into the window start from the cost field; those that stay keep what they have.
+    for (std::int32_t iy = centre.iy - half; iy <= centre.iy + half; ++iy) {
+        for (std::int32_t ix = centre.ix - half; ix <= centre.ix + half; ++ix) {
+            const Cell c{ix, iy};
+            Entry& e = ring_[at(c)];
+            if (full_ && e.cell == c) { continue; }
+            const std::uint32_t cost = field.cost(grid.find(c));
+            e = {c, cost == CostField::kFar ? kInfinity : kNatsPerUnit * static_cast<float>(cost)};
+        }
+    }
+    if (!full_) {
+        // Entries outside the window still name cells of the field before: give them a name that no lookup asks for.
+        for (std::int32_t iy = 0; iy < kWindow; ++iy) {
+            for (std::int32_t ix = 0; ix < kWindow; ++ix) {
+                Entry& e = ring_[static_cast<std::size_t>(iy * kWindow + ix)];
+                if (std::abs(e.cell.ix - centre.ix) > half || std::abs(e.cell.iy - centre.iy) > half) {
+                    e.cell = {std::numeric_limits<std::int32_t>::max(), 0};
+                }
+            }
+        }
+        full_ = true;
+    }
+    centre_ = centre;
+    for (std::int32_t sweep = 0; sweep < sweeps; ++sweep) {
+        residual_ = 0.0F;
+        backwards_ = !backwards_;
+        for (std::int32_t a = -half + 1; a < half; ++a) {
+            for (std::int32_t b = -half + 1; b < half; ++b) {
+                const Cell c{centre.ix + (backwards_ ? -b : b), centre.iy + (backwards_ ? -a : a)};
+                Entry& e = ring_[at(c)];
+                if (!(e.value > 0.0F) || e.value == kInfinity) { continue; }  // the goal, or not reached
+                const CellId id = grid.find(c);
+                if (!where.passable(id)) { continue; }
+                const float slow = where.slowness(id);
+                std::array<float, 8> through{};
+                float best = kInfinity;
+                for (std::int32_t d = 0; d < 8; ++d) {
+                    const Cell n{c.ix + kNeighbourX[d], c.iy + kNeighbourY[d]};
+                    // Where the hull does not fit phi is zero: those neighbours add nothing.
+                    const bool counts = where.passable(grid.neighbour(id, d)) || ring_[at(n)].value <= 0.0F;
+                    through[static_cast<std::size_t>(d)] = counts ? ring_[at(n)].value + ((d & 1) != 0 ? kDiagonal : kStraight) * slow : kInfinity;
+                    best = std::min(best, through[static_cast<std::size_t>(d)]);
+                }
+                if (best == kInfinity) { continue; }
+                float sum = 0.0F;
+                for (const float t : through) {
+                    if (t - best < kNegligible) { sum += std::exp(best - t); }
+                }
+                const float relaxed = best - std::log(sum);
+                if (relaxed < e.value) {  // phi only rises: docs/maths/potential.md, "why there is always a way up"
+                    residual_ = std::max(residual_, e.value - relaxed);
+                    e.value = relaxed;
+                }
+            }
+        }
+    }
+}
+
+bool Potential::trace(const OccupancyGrid& grid, const Traversability& where, const CostField& field, const float x_m, const float y_m,
+                      const float goal_x_m, const float goal_y_m, Bounded<PathPoint, kMaxPathPoints>& path) const {
+    path.clear();
+    const GridGeometry& g = grid.geometry();
+    CellId at_id = grid.find(x_m, y_m);
+    float v = value(grid, field, at_id);
+    if (v == kInfinity) {
+        // The point stands where nothing leads from (pushed there, or the map changed): the nearest cell that does, within 0.5 m.
+        const Cell here = g.cell(x_m, y_m);
+        const auto reach = static_cast<std::int32_t>(g.to_cells(0.5F));
+        float nearest = kInfinity;
+        for (std::int32_t dy = -reach; dy <= reach; ++dy) {
+            for (std::int32_t dx = -reach; dx <= reach; ++dx) {
+                const CellId id = grid.find(Cell{here.ix + dx, here.iy + dy});
+                const auto d2 = static_cast<float>(dx * dx + dy * dy);
+                if (d2 >= nearest || !where.passable(id) || value(grid, field, id) == kInfinity) { continue; }
+                nearest = d2;
+                at_id = id;
+            }
+        }
+        if (nearest == kInfinity) { return false; }
+        v = value(grid, field, at_id);
+    }
+    static_cast<void>(path.push({x_m, y_m, 0.0F}));
+    float length_m = 0.0F;
+    bool at_goal = at_id == field.root();
+    while (!at_goal && length_m < kLongestM && path.size() + 2U < path.capacity()) {
+        float steepest = 0.0F;
+        CellId next = kNoCell;
+        std::int32_t toward = 0;
+        for (std::int32_t d = 0; d < 8; ++d) {
+            const CellId n = grid.neighbour(at_id, d);
+            if (n == kNoCell || (!where.passable(n) && !where.tight(n))) { continue; }
+            const float slope = (v - value(grid, field, n)) * ((d & 1) != 0 ? 0.70710678F : 1.0F);
+            if (slope > steepest) {
+                steepest = slope;
+                next = n;
+                toward = d;
+            }
+        }
+        if (next == kNoCell) { break; }  // the map changed under the field: stop here, the next field knows
+        at_id = next;
+        v = value(grid, field, next);
+        const Cell c = grid.cell(next);
+        static_cast<void>(path.push({g.centre_x_m(c), g.centre_y_m(c), 0.0F}));
+        length_m += g.cell_m() * ((toward & 1) != 0 ? 1.41421356F : 1.0F);
+        at_goal = next == field.root();
+    }
+    if (at_goal) {
+        if (path.size() > 1U) {
+            path.back() = {goal_x_m, goal_y_m, 0.0F};
+        } else {
+            static_cast<void>(path.push({goal_x_m, goal_y_m, 0.0F}));
+        }
+    }
+    smooth(grid, path);
+    return true;
+}
+
+// An elastic band: each inner point is drawn to the middle of its neighbours and pushed away from the nearest hit point.
+void Potential::smooth(const OccupancyGrid& grid, Bounded<PathPoint, kMaxPathPoints>& path) const {
+    const float wanted_m = std::min(p_.comfort_clearance_m, p_.hull_radius_m + 0.25F);
+    for (std::int32_t round = 0; round < kSmoothRounds; ++round) {
+        for (std::size_t k = 1; k + 1U < path.size(); ++k) {
+            PathPoint& p = path[k];
+            float x_m = p.x_m + 0.5F * (0.5F * (path[k - 1U].x_m + path[k + 1U].x_m) - p.x_m);
+            float y_m = p.y_m + 0.5F * (0.5F * (path[k - 1U].y_m + path[k + 1U].y_m) - p.y_m);
+            float hit_x = 0.0F;
+            float hit_y = 0.0F;
+            const float clear_m = grid.clearance_m(x_m, y_m, wanted_m, &hit_x, &hit_y);
+            if (clear_m < wanted_m && clear_m > 1e-3F) {
+                const float push = 0.2F * (wanted_m - clear_m) / clear_m;
+                x_m += push * (x_m - hit_x);
+                y_m += push * (y_m - hit_y);
+            }
+            p.x_m = x_m;
+            p.y_m = y_m;
+        }
+    }
+    for (PathPoint& p : path) { p.clearance_m = grid.clearance_m(p.x_m, p.y_m, 0.01F * static_cast<float>(Traversability::kCapCm)); }
+    // What the band may have drawn too near to something is cut off: the reference stops before it.
+    const float least_m = std::min(p_.hull_radius_m + 0.5F * p_.plan_margin_m, path[0].clearance_m);
+    std::size_t keep = 1;
+    while (keep < path.size() && path[keep].clearance_m >= least_m - 0.01F) { ++keep; }
+    if (keep == path.size()) { return; }
+    const Bounded<PathPoint, kMaxPathPoints> whole = path;
+    path.clear();
+    for (std::size_t k = 0; k < keep; ++k) { static_cast<void>(path.push(whole[k])); }
+}
+
+}  // namespace noctule

@@ -1,0 +1,58 @@
+/// Harmonic potential round the vehicle in log space, and the path that follows its gradient to the goal.
+///
+/// Model: docs/maths/potential.md. phi = 1 at the goal, 0 where the hull does not fit; elsewhere phi is the weighted mean of the
+/// eight neighbours, less what is absorbed near obstacles. Kept as v = -ln(phi), so it does not underflow. It starts from the
+/// cost field, which is a lower bound of phi with a way up in every cell; relaxing only raises phi and keeps that way up,
+/// so the gradient is usable in every reachable cell after any number of sweeps.
+/// No heap. Cost per relax(): sweeps x window cells x 8.
+#pragma once
+
+#include <array>
+#include <cstdint>
+
+#include "core/bounded.hpp"
+#include "map/occupancy_grid.hpp"
+#include "params.gen.hpp"
+#include "plan/cost_field.hpp"
+#include "plan/target.hpp"
+#include "plan/traversability.hpp"
+
+namespace noctule {
+
+class Potential {
+public:
+    explicit Potential(const Parameters& parameters) : p_(parameters) {}
+
+    /// The cost field was computed anew: all values start again from it.
+    void restart() { full_ = false; }
+
+    /// Moves the window to a place and relaxes it.
+    void relax(const OccupancyGrid& grid, const Traversability& where, const CostField& field, float x_m, float y_m, std::int32_t sweeps);
+
+    /// -ln(phi) of a cell: relaxed inside the window, from the cost field elsewhere; infinity where nothing leads to the goal.
+    [[nodiscard]] float value(const OccupancyGrid& grid, const CostField& field, CellId id) const;
+
+    /// Follows the gradient from a point, up to the capacity of the path or to the goal (then its last point is the goal
+    /// itself), and draws the steps out into a smooth line that keeps to the middle of narrow places.
+    /// False: no way from there (the path is empty).
+    bool trace(const OccupancyGrid& grid, const Traversability& where, const CostField& field, float x_m, float y_m,
+               float goal_x_m, float goal_y_m, Bounded<PathPoint, kMaxPathPoints>& path) const;
+
+    /// Greatest change of v in the last sweep.
+    [[nodiscard]] float residual() const { return residual_; }
+
+private:
+    static constexpr std::int32_t kWindow = 64;   ///< ring of cells in both directions; the window uses up to 61
+    struct Entry { Cell cell; float value; };
+    [[nodiscard]] static std::size_t at(const Cell c) { return static_cast<std::size_t>((c.iy & (kWindow - 1)) * kWindow + (c.ix & (kWindow - 1))); }
+    void smooth(const OccupancyGrid& grid, Bounded<PathPoint, kMaxPathPoints>& path) const;
+
+    const Parameters& p_;
+    std::array<Entry, static_cast<std::size_t>(kWindow) * kWindow> ring_{};
+    bool full_ = false;
+    Cell centre_;
+    float residual_ = 0.0F;
+    bool backwards_ = false;
+};
+
+}  // namespace noctule
