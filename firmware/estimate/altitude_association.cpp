@@ -78,6 +78,10 @@ void AltitudeFilter::fuse(const AltitudeReading* const down, const AltitudeReadi
     if (match_down.slot < 0 && match_up.slot < 0) {
         double error_m = 0.0;
         drift_votes_ = ranges_agree_on_drift(*down, *up, error_m) ? drift_votes_ + 1 : 0;
+        if (drift_votes_ == 1) {  // it may be two echoes: the next pair decides, and this one founds nothing
+            counters_.unmatched += 2;
+            return;
+        }
         if (drift_votes_ >= 2) {
             // Floor and ceiling cannot both have moved by the same amount: z is wrong.
             joint_.loosen(square(error_m), square(error_m));
@@ -141,13 +145,21 @@ void AltitudeFilter::apply(const AltitudeReading& r, const std::size_t i) {
         const Watch& other = watch_[1 - side];
         const bool other_agrees = other.slot >= 0 && other.mean * watch.mean > 0.0 &&
                                   std::fabs(other.mean) > 0.5 * std::fabs(watch.mean);
+        const double error_var_m2 = square(watch.mean) * S;
         watch.mean = 0.0;
         if (other_agrees) {
-            joint_.loosen(square(nu) * S, square(nu) * S);
+            joint_.loosen(error_var_m2, error_var_m2);
             ++counters_.drifts;
-        } else {
-            ++counters_.shifts;
+        } else if (r.tilt_rad <= p_.alt_tilt_new_rad && make_room()) {
+            // Another surface, a small step from this one. The readings that were taken for this one have pulled z.
+            joint_.loosen(error_var_m2, 0.0);
             found(r);
+            const std::size_t n = slots_.size() - 1;
+            slots_[n].confirmed = true;
+            last_[side] = static_cast<std::int32_t>(n);
+            shown_[side] = last_[side];
+            ++counters_.shifts;
+            ++counters_.levels_confirmed;
             return;
         }
     }
