@@ -114,6 +114,17 @@ void Supervisor::begin_flight(const std::int64_t now_us) {
     vision_seen_us_ = now_us;
 }
 
+void Supervisor::clock_restarted() {
+    nav_t_us_ = -1;
+    nav_seen_us_ = -1;
+    setpoint_seen_us_ = -1;
+    odom_seen_us_ = -1;
+    vision_seen_us_ = -1;
+    local_seen_us_ = -1;
+    reset_us_ = -1;
+    diverging_since_us_ = -1;
+}
+
 bool Supervisor::nav_fresh(const std::int64_t now_us) const { return within(nav_seen_us_, now_us, to_us(p_.link_setpoint_timeout_s)); }
 bool Supervisor::vision_fresh(const std::int64_t now_us) const { return !restarted_ && within(vision_seen_us_, now_us, to_us(p_.link_setpoint_timeout_s)); }
 bool Supervisor::local_fresh(const std::int64_t now_us) const { return within(local_seen_us_, now_us, kStampTolerance_us); }

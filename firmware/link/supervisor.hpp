@@ -58,6 +58,9 @@ public:
     /// Starts a flight: faults of the past are forgotten, a restart of nav counts from here.
     void begin_flight(std::int64_t now_us);
 
+    /// The autopilot's clock starts anew: all ages are unknown.
+    void clock_restarted();
+
     /// nav has restarted since begin_flight().
     [[nodiscard]] bool nav_restarted() const { return restarted_; }
     /// On the ground a restarted nav is welcome: go on with it.

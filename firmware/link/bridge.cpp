@@ -1,0 +1,346 @@
+#include "link/bridge.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdlib>
+#include <limits>
+
+#include "link/bridge_text.hpp"
+
+namespace noctule {
+
+namespace {
+
+constexpr std::int64_t kSecond_us = 1000000;
+constexpr std::int64_t kSubstituteAfter_us = kSecond_us;      // the better message is silent for so long: take the coarser one
+constexpr std::int64_t kRestartJump_us = 5 * kSecond_us;      // the autopilot's clock went back this far: it restarted
+constexpr std::int64_t kLocalYawFresh_us = 200000;
+
+std::int64_t boot_us(const std::uint32_t time_boot_ms) { return static_cast<std::int64_t>(time_boot_ms) * 1000; }
+
+}  // namespace
+
+Bridge::Bridge(const Parameters& parameters, BridgeSink& sink)
+    : p_(parameters), sink_(sink), supervisor_(parameters), flight_(parameters),
+      streams_{{{MAVLINK_MSG_ID_HIGHRES_IMU, MAVLINK_MSG_ID_SCALED_IMU, static_cast<float>(parameters.link_imu_hz), 0},
+                {MAVLINK_MSG_ID_ATTITUDE_QUATERNION, MAVLINK_MSG_ID_ATTITUDE, 50.0F, 0},
+                {MAVLINK_MSG_ID_DISTANCE_SENSOR, 0, 20.0F, 0},
+                {MAVLINK_MSG_ID_LOCAL_POSITION_NED, 0, 20.0F, 0},
+                {MAVLINK_MSG_ID_EXTENDED_SYS_STATE, 0, 5.0F, 0},
+                {MAVLINK_MSG_ID_SYS_STATUS, 0, 1.0F, 0},
+                {MAVLINK_MSG_ID_BATTERY_STATUS, 0, 1.0F, 0}}} {
+    if (p_.link_system_id != 0) { system_ = static_cast<std::uint8_t>(p_.link_system_id); }
+    to_autopilot_.set_ids(system_, MAV_COMP_ID_ONBOARD_COMPUTER);
+    to_ground_.set_ids(system_, MAV_COMP_ID_ONBOARD_COMPUTER);
+}
+
+void Bridge::from_autopilot(const std::span<const std::uint8_t> bytes) {
+    autopilot_reader_.push(bytes, [this](const MavlinkFrame& frame) { autopilot_frame(frame); });
+    autopilot_reader_.drop_partial();
+}
+
+void Bridge::autopilot_frame(const MavlinkFrame& frame) {
+    if (frame.known) {
+        if (is_us(frame.message)) { return; }  // our own, echoed by a router
+        if (frame.message.msgid == MAVLINK_MSG_ID_HEARTBEAT) { take_heartbeat(frame.message); }
+        if (heard_ && frame.message.sysid == system_ && frame.message.compid == MAV_COMP_ID_AUTOPILOT1) {
+            spoke_ = true;
+            take(frame.message);
+        }
+    }
+    if (passes_to_ground(frame)) { sink_.to_ground(frame.bytes); }
+}
+
+bool Bridge::passes_to_ground(const MavlinkFrame& frame) {
+    if (!frame.known) { return true; }
+    if (frame.target.system == system_ && frame.target.component == MAV_COMP_ID_ONBOARD_COMPUTER) { return false; }
+    if (frame.message.msgid != MAVLINK_MSG_ID_HIGHRES_IMU) { return true; }
+    // We asked for this one at a rate that is no good to a ground station.
+    if (p_.link_ground_imu_hz <= 0 || now_us_ < next_ground_imu_us_) { return false; }
+    next_ground_imu_us_ = now_us_ + kSecond_us / p_.link_ground_imu_hz;
+    return true;
+}
+
+void Bridge::take_heartbeat(const mavlink_message_t& message) {
+    mavlink_heartbeat_t heartbeat;
+    mavlink_msg_heartbeat_decode(&message, &heartbeat);
+    if (message.compid != MAV_COMP_ID_AUTOPILOT1 || heartbeat.autopilot == MAV_AUTOPILOT_INVALID) { return; }
+    const bool wanted = p_.link_system_id == 0 ? (!heard_ || message.sysid == system_) : message.sysid == p_.link_system_id;
+    if (!wanted) {
+        ++counters_.other_autopilots;
+        text(MAV_SEVERITY_WARNING, "ignoring a second autopilot, system %u", static_cast<unsigned>(message.sysid));
+        return;
+    }
+    if (!heard_) {
+        heard_ = true;
+        system_ = message.sysid;
+        to_autopilot_.set_ids(system_, MAV_COMP_ID_ONBOARD_COMPUTER);
+        to_ground_.set_ids(system_, MAV_COMP_ID_ONBOARD_COMPUTER);
+        flavour_ = flavour_of(heartbeat.autopilot);
+        if (flavour_ == nullptr) {
+            text(MAV_SEVERITY_WARNING, "autopilot type %u cannot be flown, watching only", static_cast<unsigned>(heartbeat.autopilot));
+        }
+    }
+    const bool armed = (heartbeat.base_mode & MAV_MODE_FLAG_SAFETY_ARMED) != 0;
+    const bool changed = armed != armed_ || heartbeat.custom_mode != custom_mode_;
+    armed_ = armed;
+    custom_mode_ = heartbeat.custom_mode;
+    if (!armed_) { battery_landing_ = false; }
+    if (changed && now_us_ >= 0) {
+        step_flight();
+        publish_vehicle();
+    }
+}
+
+void Bridge::take(const mavlink_message_t& message) {
+    for (Stream& stream : streams_) {
+        if (message.msgid == stream.msgid || (stream.substitute != 0 && message.msgid == stream.substitute)) { ++stream.count; }
+    }
+    switch (message.msgid) {
+        case MAVLINK_MSG_ID_HIGHRES_IMU: {
+            mavlink_highres_imu_t in;
+            mavlink_msg_highres_imu_decode(&message, &in);
+            imu_t sample{};
+            if (!from_mavlink(in, sample)) { ++counters_.refused_samples; return; }
+            take_imu(sample, false);
+            return;
+        }
+        case MAVLINK_MSG_ID_SCALED_IMU: {
+            mavlink_scaled_imu_t in;
+            mavlink_msg_scaled_imu_decode(&message, &in);
+            imu_t sample{};
+            if (!from_mavlink(in, sample)) { ++counters_.refused_samples; return; }
+            take_imu(sample, true);
+            return;
+        }
+        case MAVLINK_MSG_ID_ATTITUDE_QUATERNION: {
+            mavlink_attitude_quaternion_t in;
+            mavlink_msg_attitude_quaternion_decode(&message, &in);
+            FullAttitude attitude;
+            if (!from_mavlink(in, attitude)) { ++counters_.refused_samples; return; }
+            take_attitude(attitude, false);
+            return;
+        }
+        case MAVLINK_MSG_ID_ATTITUDE: {
+            mavlink_attitude_t in;
+            mavlink_msg_attitude_decode(&message, &in);
+            FullAttitude attitude;
+            if (!from_mavlink(in, attitude)) { ++counters_.refused_samples; return; }
+            take_attitude(attitude, true);
+            return;
+        }
+        case MAVLINK_MSG_ID_DISTANCE_SENSOR: take_range(message); return;
+        case MAVLINK_MSG_ID_LOCAL_POSITION_NED: {
+            mavlink_local_position_ned_t in;
+            mavlink_msg_local_position_ned_decode(&message, &in);
+            LocalPosition position;
+            if (!from_mavlink(in, position)) { ++counters_.refused_samples; return; }
+            advance(position.t_us);
+            local_ = position;
+            local_us_ = now_us_;
+            const bool yaw_known = local_yaw_us_ >= 0 && now_us_ - local_yaw_us_ <= kLocalYawFresh_us;
+            supervisor_.local_position(position, yaw_known ? local_yaw_rad_ : std::numeric_limits<float>::quiet_NaN(), now_us_);
+            return;
+        }
+        case MAVLINK_MSG_ID_EXTENDED_SYS_STATE: {
+            mavlink_extended_sys_state_t in;
+            mavlink_msg_extended_sys_state_decode(&message, &in);
+            const std::int8_t landed = landed_from_mavlink(in);
+            const bool changed = landed != landed_;
+            landed_ = landed;
+            if (changed && now_us_ >= 0) { publish_vehicle(); }
+            return;
+        }
+        case MAVLINK_MSG_ID_SYS_STATUS: take_battery(mavlink_msg_sys_status_get_battery_remaining(&message)); return;
+        case MAVLINK_MSG_ID_BATTERY_STATUS:
+            if (mavlink_msg_battery_status_get_id(&message) == 0) { take_battery(mavlink_msg_battery_status_get_battery_remaining(&message)); }
+            return;
+        case MAVLINK_MSG_ID_SYSTEM_TIME: advance(boot_us(mavlink_msg_system_time_get_time_boot_ms(&message))); return;
+        case MAVLINK_MSG_ID_COMMAND_ACK: take_ack(message); return;
+        case MAVLINK_MSG_ID_TIMESYNC: take_timesync(message); return;
+        default: return;
+    }
+}
+
+void Bridge::take_imu(imu_t& sample, const bool coarse) {
+    advance(sample.t_us);
+    if (!coarse) { fine_imu_us_ = now_us_; }
+    if (coarse && fine_imu_us_ >= 0 && now_us_ - fine_imu_us_ < kSubstituteAfter_us) { return; }
+    if (imu_.seq > 0 && sample.t_us <= imu_.t_us) { ++counters_.refused_samples; return; }
+    sample.seq = imu_.seq + 1;
+    imu_ = sample;
+    ++counters_.imu;
+    sink_.publish(imu_);
+}
+
+void Bridge::take_attitude(const FullAttitude& attitude, const bool substitute) {
+    advance(attitude.t_us);
+    if (!substitute) { quaternion_us_ = now_us_; }
+    if (substitute && quaternion_us_ >= 0 && now_us_ - quaternion_us_ < kSubstituteAfter_us) { return; }
+    if (attitude_.seq > 0 && attitude.t_us <= attitude_.t_us) { ++counters_.refused_samples; return; }
+    attitude_.seq += 1;
+    attitude_.t_us = attitude.t_us;
+    attitude_.roll_rad = attitude.roll_rad;
+    attitude_.pitch_rad = attitude.pitch_rad;
+    local_yaw_rad_ = attitude.yaw_rad;
+    local_yaw_us_ = now_us_;
+    sink_.publish(attitude_);
+}
+
+void Bridge::take_range(const mavlink_message_t& message) {
+    mavlink_distance_sensor_t in;
+    mavlink_msg_distance_sensor_decode(&message, &in);
+    range_t sample{};
+    RangeDirection direction = RangeDirection::other;
+    if (!from_mavlink(in, sample, direction)) { ++counters_.refused_samples; return; }
+    if (direction == RangeDirection::other) { return; }
+    advance(sample.t_us);
+    range_t& last = direction == RangeDirection::up ? range_up_ : range_down_;
+    if (last.seq > 0 && sample.t_us <= last.t_us) { ++counters_.refused_samples; return; }
+    sample.seq = last.seq + 1;
+    last = sample;
+    if (direction == RangeDirection::up) { sink_.publish_up(last); } else { sink_.publish_down(last); }
+}
+
+void Bridge::take_battery(const std::int8_t percent) {
+    const float remaining = battery_from_percent(percent);
+    if (remaining < 0.0F) { return; }
+    battery_ = remaining;
+    if (battery_ <= p_.battery_land && flight_.active() && armed_ && !battery_landing_) {
+        battery_landing_ = true;
+        text(MAV_SEVERITY_CRITICAL, "battery at %d%%: landing here", static_cast<int>(std::lround(battery_ * 100.0F)));
+        order(command_t::LAND);
+    }
+}
+
+void Bridge::take_ack(const mavlink_message_t& message) {
+    mavlink_command_ack_t ack;
+    mavlink_msg_command_ack_decode(&message, &ack);
+    const bool refused = ack.result != MAV_RESULT_ACCEPTED && ack.result != MAV_RESULT_IN_PROGRESS && ack.result != MAV_RESULT_TEMPORARILY_REJECTED;
+    if (ack.command == MAV_CMD_NAV_TAKEOFF && refused) { flight_.takeoff_refused(); }
+}
+
+/// Answers with the autopilot's own clock as we know it: all stamps that we send are on it, so the offset it finds is our delay alone.
+void Bridge::take_timesync(const mavlink_message_t& message) {
+    constexpr std::int64_t kNanoseconds = 1000;
+    mavlink_timesync_t in;
+    mavlink_msg_timesync_decode(&message, &in);
+    if (in.tc1 != 0 || now_us_ < 0) { return; }
+    mavlink_timesync_t out{};
+    out.tc1 = now_us_ * kNanoseconds;
+    out.ts1 = in.ts1;
+    send_autopilot(mavlink_msg_timesync_encode_status, out);
+}
+
+void Bridge::advance(const std::int64_t t_us) {
+    if (t_us < 0) { return; }
+    if (now_us_ >= 0 && t_us < now_us_ - kRestartJump_us) { forget_autopilot_clock(t_us); }
+    if (t_us <= now_us_) { return; }
+    if (now_us_ < 0) {
+        next_second_us_ = t_us;
+        next_vehicle_us_ = t_us;
+        next_streams_us_ = t_us + kSecond_us;  // what it sends unasked is seen by then
+        streams_since_us_ = t_us;
+    }
+    now_us_ = t_us;
+    try_pending_start();
+    step_flight();
+    if (flight_.holds() && now_us_ >= next_hold_us_ && supervisor_.last_good().valid) {
+        constexpr std::int64_t kHoldPeriod_us = kSecond_us / 20;
+        next_hold_us_ = now_us_ + kHoldPeriod_us;
+        Setpoint stand = supervisor_.last_good();
+        stand.vx_m_s = 0.0F;
+        stand.vy_m_s = 0.0F;
+        stand.vz_m_s = 0.0F;
+        send_setpoint(stand, now_us_);
+    }
+    if (now_us_ >= next_vehicle_us_) { publish_vehicle(); }
+    if (now_us_ >= next_second_us_) {
+        next_second_us_ = now_us_ + kSecond_us;
+        send_heartbeat();
+        send_progress();
+    }
+    if (now_us_ >= next_streams_us_) { ask_for_streams(); }
+    if (next_parameter_ < kParameterTable.size()) { send_parameter(next_parameter_++); }
+}
+
+void Bridge::forget_autopilot_clock(const std::int64_t t_us) {
+    text(MAV_SEVERITY_CRITICAL, "autopilot restarted");
+    flight_.autopilot_restarted();
+    pending_start_.active = false;
+    now_us_ = -1;
+    imu_.t_us = t_us - 1;
+    attitude_.t_us = t_us - 1;
+    range_up_.t_us = t_us - 1;
+    range_down_.t_us = t_us - 1;
+    fine_imu_us_ = -1;
+    quaternion_us_ = -1;
+    local_us_ = -1;
+    local_yaw_us_ = -1;
+    nav_us_ = -1;
+    next_ground_imu_us_ = 0;
+    next_ground_odometry_us_ = 0;
+    next_hold_us_ = 0;
+    last_text_us_ = -1;
+    supervisor_.clock_restarted();
+}
+
+void Bridge::on_nav(const nav_t& message) {
+    const bool changed = nav_heard_ && (message.state != nav_.state || message.reason != nav_.reason);
+    const SetpointCheck check = supervisor_.nav(message, now_us_);
+    if (!nav_heard_ && message.parameters_crc != static_cast<std::int32_t>(kParametersCrc)) {
+        text(MAV_SEVERITY_WARNING, "nav and bridge have different parameter tables");
+    }
+    nav_ = message;
+    nav_us_ = now_us_;
+    nav_heard_ = true;
+    if (check == SetpointCheck::good && flight_.passes_setpoints()) { send_setpoint(supervisor_.last_good(), message.t_us); }
+    if (changed) {
+        const char* reason = reason_text(message.reason);
+        text(MAV_SEVERITY_INFO, reason[0] == '\0' ? "%s%s" : "%s: %s", state_text(message.state), reason);
+    }
+}
+
+void Bridge::on_odom(const odom_t& message) {
+    if (now_us_ < 0) { return; }
+    bool usable = supervisor_.odometry(message, now_us_);
+    if (!usable && supervisor_.nav_restarted() && !flight_.active()) {
+        supervisor_.accept_restart();
+        ++reset_offset_;
+        usable = supervisor_.odometry(message, now_us_);
+    }
+    // What cannot be vouched for still answers the scan (and ends a simulator's tick): the last pose with quality -1.
+    odom_t out = usable ? message : last_odom_;
+    if (!usable) {
+        out.t_us = message.t_us;
+        out.quality = -1;
+    }
+    out.reset_counter += reset_offset_;
+    const mavlink_odometry_t odometry = to_odometry(out);
+    send_autopilot(mavlink_msg_odometry_encode_status, odometry);
+    ++counters_.odometry_sent;
+    if (usable) { last_odom_ = message; }
+    if (now_us_ >= next_ground_odometry_us_) {
+        constexpr std::int64_t kGroundPeriod_us = kSecond_us / 5;
+        next_ground_odometry_us_ = now_us_ + kGroundPeriod_us;
+        send_ground(mavlink_msg_odometry_encode_status, odometry);
+    }
+}
+
+void Bridge::on_wall(const std::int64_t wall_us) {
+    wall_us_ = wall_us;
+    if (spoke_) {
+        spoke_ = false;
+        autopilot_wall_us_ = wall_us;
+        alive_ = true;
+    }
+    if (alive_ && static_cast<float>(wall_us - autopilot_wall_us_) > p_.link_autopilot_timeout_s * 1e6F) {
+        alive_ = false;
+        text(MAV_SEVERITY_CRITICAL, "autopilot silent");
+    }
+    if (alive_ || wall_us < next_wall_beat_us_) { return; }
+    next_wall_beat_us_ = wall_us + kSecond_us;
+    send_heartbeat();
+}
+
+}  // namespace noctule

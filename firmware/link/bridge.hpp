@@ -1,0 +1,210 @@
+/// The bridge between flight controller, ground stations and the autonomy: bytes and messages in, bytes and messages out.
+///
+/// No sockets and no clock: app/ gives it datagrams and LCM messages, it answers through a BridgeSink. Time is the autopilot's
+/// (time_usec, time_boot_ms); wall time serves only to notice that the autopilot is silent. docs/safety_bridge.md says when it
+/// holds, lands or yields; docs/frames.md what it converts. Frames Map and Body, SI. No heap after construction, not thread-safe.
+///
+/// Order matters to the lockstep: what one datagram causes is sent before push returns, orders and vehicle state before the sample
+/// that advanced the clock.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+
+#include "lcmtypes/noctule/attitude_t.hpp"
+#include "lcmtypes/noctule/command_t.hpp"
+#include "lcmtypes/noctule/imu_t.hpp"
+#include "lcmtypes/noctule/nav_t.hpp"
+#include "lcmtypes/noctule/odom_t.hpp"
+#include "lcmtypes/noctule/range_t.hpp"
+#include "lcmtypes/noctule/vehicle_t.hpp"
+#include "link/flavour.hpp"
+#include "link/flight_control.hpp"
+#include "link/mavlink.hpp"
+#include "link/mavlink_convert.hpp"
+#include "link/supervisor.hpp"
+#include "params.gen.hpp"
+
+namespace noctule {
+
+/// Where the bridge's output goes. Called from within the bridge's own functions; must not call back.
+class BridgeSink {
+public:
+    virtual ~BridgeSink() = default;
+    virtual void to_autopilot(std::span<const std::uint8_t> frame) = 0;
+    virtual void to_ground(std::span<const std::uint8_t> frame) = 0;  ///< every ground endpoint
+    virtual void publish(const imu_t& message) = 0;
+    virtual void publish(const attitude_t& message) = 0;
+    virtual void publish_up(const range_t& message) = 0;
+    virtual void publish_down(const range_t& message) = 0;
+    virtual void publish(const vehicle_t& message) = 0;
+    virtual void publish(const command_t& message) = 0;
+};
+
+class Bridge {
+public:
+    struct Counters {
+        std::uint64_t imu = 0;
+        std::uint64_t setpoints_sent = 0;
+        std::uint64_t odometry_sent = 0;
+        std::uint64_t refused_samples = 0;   ///< repeated, out of order or unusable samples of the autopilot
+        std::uint64_t texts_dropped = 0;     ///< STATUSTEXT held back by the rate limit
+        std::uint64_t other_autopilots = 0;  ///< heartbeats of a second autopilot
+    };
+
+    Bridge(const Parameters& parameters, BridgeSink& sink);
+
+    /// One datagram of the autopilot's link.
+    void from_autopilot(std::span<const std::uint8_t> bytes);
+    /// One datagram of a ground station.
+    void from_ground(std::span<const std::uint8_t> bytes);
+    void on_nav(const nav_t& message);
+    void on_odom(const odom_t& message);
+
+    /// Wall time, rising; a few times a second. Only for heartbeats before an autopilot is heard and for its silence.
+    void on_wall(std::int64_t wall_us);
+
+    [[nodiscard]] bool autopilot_heard() const { return heard_; }
+    /// The autopilot was heard within link_autopilot_timeout_s of wall time.
+    [[nodiscard]] bool autopilot_alive() const { return alive_; }
+    [[nodiscard]] std::int64_t now_us() const { return now_us_; }
+    [[nodiscard]] const FlightControl& flight() const { return flight_; }
+    [[nodiscard]] const Supervisor& supervisor() const { return supervisor_; }
+    [[nodiscard]] const Counters& counters() const { return counters_; }
+    [[nodiscard]] const MavlinkReader::Counters& autopilot_bytes() const { return autopilot_reader_.counters(); }
+    [[nodiscard]] const MavlinkReader::Counters& ground_bytes() const { return ground_reader_.counters(); }
+
+private:
+    struct PendingStart {
+        bool active = false;
+        MavlinkTarget asked_by;
+        std::int64_t earliest_us = 0;
+        std::int64_t give_up_us = 0;
+    };
+    struct Stream {
+        std::uint32_t msgid;
+        std::uint32_t substitute;  ///< asked for as well when msgid never comes; 0 none
+        float rate_hz;
+        std::uint32_t count;       ///< since the last look
+    };
+
+    // bridge.cpp: what comes from the autopilot
+    void autopilot_frame(const MavlinkFrame& frame);
+    void take(const mavlink_message_t& message);
+    void take_heartbeat(const mavlink_message_t& message);
+    void take_imu(imu_t& sample, bool coarse);
+    void take_attitude(const FullAttitude& attitude, bool substitute);
+    void take_range(const mavlink_message_t& message);
+    void take_battery(std::int8_t percent);
+    void take_ack(const mavlink_message_t& message);
+    void take_timesync(const mavlink_message_t& message);
+    void advance(std::int64_t t_us);
+    void forget_autopilot_clock(std::int64_t t_us);
+    [[nodiscard]] bool passes_to_ground(const MavlinkFrame& frame);
+
+    // bridge_ground.cpp: what comes from a ground station
+    void ground_frame(const MavlinkFrame& frame);
+    void take_command(std::uint16_t command, float param1, float earliest_s, MavlinkTarget asked_by);
+    void take_start(float earliest_s, MavlinkTarget asked_by);
+    void try_pending_start();
+    [[nodiscard]] const char* start_obstacle() const;
+    void begin_start(MavlinkTarget asked_by);
+    void acknowledge(std::uint16_t command, std::uint8_t result, MavlinkTarget asked_by);
+    void order(std::int32_t command);
+    void take_parameter_request(const mavlink_message_t& message);
+    void send_parameter(std::size_t row);
+
+    // bridge_periodic.cpp: what the passing time brings
+    void step_flight();
+    [[nodiscard]] FlightView view() const;
+    void act(const FlightStep& step);
+    void request(Request request);
+    void send_mode(const FlightMode& mode);
+    void send_command(std::uint16_t command, const std::array<float, 7>& params);
+    void send_setpoint(const Setpoint& setpoint, std::int64_t t_us);
+    void send_heartbeat();
+    void send_progress();
+    void publish_vehicle();
+    void ask_for_streams();
+    void text(std::uint8_t severity, const char* format, ...) __attribute__((format(printf, 3, 4)));
+
+    template <class Payload>
+    void send_autopilot(std::uint16_t (*encode)(std::uint8_t, std::uint8_t, mavlink_status_t*, mavlink_message_t*, const Payload*), const Payload& payload) {
+        sink_.to_autopilot(to_autopilot_.pack(encode, payload));
+    }
+    template <class Payload>
+    void send_ground(std::uint16_t (*encode)(std::uint8_t, std::uint8_t, mavlink_status_t*, mavlink_message_t*, const Payload*), const Payload& payload) {
+        sink_.to_ground(to_ground_.pack(encode, payload));
+    }
+    [[nodiscard]] bool is_us(const mavlink_message_t& message) const { return message.sysid == system_ && message.compid == MAV_COMP_ID_ONBOARD_COMPUTER; }
+    [[nodiscard]] MavlinkTarget autopilot() const { return {system_, MAV_COMP_ID_AUTOPILOT1}; }
+
+    const Parameters& p_;
+    BridgeSink& sink_;
+    Supervisor supervisor_;
+    FlightControl flight_;
+    MavlinkReader autopilot_reader_;
+    MavlinkReader ground_reader_;
+    MavlinkWriter to_autopilot_;
+    MavlinkWriter to_ground_;
+    Counters counters_;
+
+    // The autopilot
+    bool heard_ = false;
+    bool alive_ = false;
+    bool spoke_ = false;                   ///< since the last on_wall
+    std::uint8_t system_ = 1;
+    const Flavour* flavour_ = nullptr;
+    std::uint32_t custom_mode_ = 0;
+    bool armed_ = false;
+    std::int8_t landed_ = 0;
+    float battery_ = -1.0F;
+    bool battery_landing_ = false;
+    LocalPosition local_;
+    std::int64_t local_us_ = -1;
+    float local_yaw_rad_ = 0.0F;
+    std::int64_t local_yaw_us_ = -1;
+
+    // Samples on their way to nav
+    imu_t imu_{};
+    attitude_t attitude_{};
+    range_t range_up_{};
+    range_t range_down_{};
+    vehicle_t vehicle_{};
+    command_t command_{};
+    std::int64_t fine_imu_us_ = -1;        ///< when HIGHRES_IMU last came
+    std::int64_t quaternion_us_ = -1;      ///< when ATTITUDE_QUATERNION last came
+
+    // Nav
+    bool nav_heard_ = false;
+    nav_t nav_{};
+    std::int64_t nav_us_ = -1;             ///< when it came
+    odom_t last_odom_{};                   ///< last one that was sent with a claim
+    std::int32_t reset_offset_ = 0;        ///< restarts of nav, so that the autopilot sees its pose jump
+
+    // Time
+    std::int64_t now_us_ = -1;
+    std::int64_t wall_us_ = 0;
+    std::int64_t autopilot_wall_us_ = -1;
+    std::int64_t next_wall_beat_us_ = 0;
+    std::int64_t next_second_us_ = 0;
+    std::int64_t next_vehicle_us_ = 0;
+    std::int64_t next_hold_us_ = 0;
+    std::int64_t next_ground_imu_us_ = 0;
+    std::int64_t next_ground_odometry_us_ = 0;
+    std::int64_t next_streams_us_ = 0;
+    std::int64_t streams_since_us_ = 0;
+
+    // Ground station
+    PendingStart pending_start_;
+    std::size_t next_parameter_ = kParameterTable.size();  ///< next row of a list under way
+    std::array<Stream, 7> streams_;
+    float text_tokens_ = 8.0F;
+    std::int64_t text_tokens_us_ = 0;
+    std::uint16_t text_id_ = 0;
+    std::array<char, 160> last_text_{};
+    std::int64_t last_text_us_ = -1;
+};
+
+}  // namespace noctule

@@ -1,0 +1,202 @@
+/// The bridge's duties as time passes: the flight's phases, heartbeat, progress, vehicle state, message rates, texts.
+#include <algorithm>
+#include <cmath>
+#include <cstdarg>
+#include <cstdio>
+#include <cstring>
+
+#include "link/bridge.hpp"
+#include "link/bridge_text.hpp"
+#include "plan/mission.hpp"
+
+namespace noctule {
+
+namespace {
+
+constexpr std::int64_t kSecond_us = 1000000;
+constexpr std::int64_t kNavFault_us = 2 * kSecond_us;        // nav silent for so long: the companion is faulted, its heartbeat stops
+constexpr std::int64_t kVehiclePeriod_us = kSecond_us / 5;   // streams.toml, VEHICLE
+constexpr std::int64_t kStreamsPeriod_us = 5 * kSecond_us;
+constexpr std::int64_t kLocalFresh_us = kSecond_us / 2;
+constexpr std::int64_t kRepeatedText_us = 5 * kSecond_us;
+constexpr float kTextBurst = 8.0F;
+constexpr float kTexts_hz = 2.0F;
+
+}  // namespace
+
+FlightView Bridge::view() const {
+    FlightView v;
+    v.now_us = now_us_;
+    v.custom_mode = custom_mode_;
+    if (flavour_ != nullptr) {
+        v.offboard_mode = flavour_->offboard.custom_mode;
+        v.land_mode = flavour_->land.custom_mode;
+        v.takeoff_command = flavour_->takeoff_command;
+    }
+    v.armed = armed_;
+    v.on_ground = landed_ == 1;
+    v.in_air = landed_ == 2;
+    v.setpoint_fresh = supervisor_.setpoint_fresh(now_us_);
+    v.nav_done = nav_heard_ && nav_.want_disarm != 0;
+    const auto state = static_cast<MissionState>(nav_.state);
+    v.nav_landing = nav_heard_ && (state == MissionState::landing || state == MissionState::landed);
+    v.fault = supervisor_.judge(now_us_);
+    return v;
+}
+
+void Bridge::step_flight() {
+    if (!flight_.active()) { return; }
+    const bool lost_before = flight_.mission_lost();
+    const FlightStep step = flight_.step(view());
+    act(step);
+    if (flight_.mission_lost() != lost_before) { publish_vehicle(); }
+}
+
+void Bridge::act(const FlightStep& step) {
+    if (step.request != Request::none) { request(step.request); }
+    const std::uint8_t severity = notice_severity(step.notice);
+    switch (step.notice) {
+        case Notice::none: return;
+        case Notice::held:
+        case Notice::landing_ordered: text(severity, "%s: %s", notice_text(step.notice), fault_text(step.fault)); break;
+        case Notice::pilot_took_over: text(severity, "%s %s", notice_text(step.notice), flavour_ != nullptr ? flavour_->mode_name(custom_mode_) : "?"); break;
+        default: text(severity, "%s", notice_text(step.notice)); break;
+    }
+    if (step.notice == Notice::landing_ordered) { order(command_t::ABORT); }
+}
+
+void Bridge::request(const Request request) {
+    switch (request) {
+        case Request::none: return;
+        case Request::offboard_mode: send_mode(flavour_->offboard); return;
+        case Request::land_mode: send_mode(flavour_->land); return;
+        case Request::arm: send_command(MAV_CMD_COMPONENT_ARM_DISARM, {1.0F}); return;
+        case Request::disarm: send_command(MAV_CMD_COMPONENT_ARM_DISARM, {0.0F}); return;
+        case Request::takeoff: send_command(MAV_CMD_NAV_TAKEOFF, {0.0F, 0.0F, 0.0F, 0.0F, 0.0F, 0.0F, p_.cruise_height_m}); return;
+    }
+}
+
+void Bridge::send_mode(const FlightMode& mode) { send_command(MAV_CMD_DO_SET_MODE, {float{MAV_MODE_FLAG_CUSTOM_MODE_ENABLED}, mode.main, mode.sub}); }
+
+void Bridge::send_command(const std::uint16_t command, const std::array<float, 7>& params) {
+    mavlink_command_long_t out{};
+    out.target_system = autopilot().system;
+    out.target_component = autopilot().component;
+    out.command = command;
+    out.param1 = params[0];
+    out.param2 = params[1];
+    out.param3 = params[2];
+    out.param4 = params[3];
+    out.param5 = params[4];
+    out.param6 = params[5];
+    out.param7 = params[6];
+    send_autopilot(mavlink_msg_command_long_encode_status, out);
+}
+
+void Bridge::send_setpoint(const Setpoint& setpoint, const std::int64_t t_us) {
+    send_autopilot(mavlink_msg_set_position_target_local_ned_encode_status, to_set_position_target(setpoint, t_us, autopilot()));
+    ++counters_.setpoints_sent;
+}
+
+void Bridge::send_heartbeat() {
+    const bool nav_dead = nav_heard_ && now_us_ >= 0 && now_us_ - nav_us_ > kNavFault_us;
+    if (nav_dead) { return; }
+    mavlink_heartbeat_t out{};
+    out.type = MAV_TYPE_ONBOARD_CONTROLLER;
+    out.autopilot = MAV_AUTOPILOT_INVALID;
+    out.base_mode = 0;
+    out.custom_mode = nav_heard_ ? static_cast<std::uint32_t>(nav_.state) : 0U;
+    switch (flight_.phase()) {
+        case Phase::idle:
+        case Phase::yielded: out.system_status = nav_heard_ && nav_.ready != 0 ? MAV_STATE_STANDBY : MAV_STATE_BOOT; break;
+        case Phase::holding: out.system_status = MAV_STATE_CRITICAL; break;
+        case Phase::landing: out.system_status = MAV_STATE_EMERGENCY; break;
+        default: out.system_status = MAV_STATE_ACTIVE; break;
+    }
+    send_autopilot(mavlink_msg_heartbeat_encode_status, out);
+    send_ground(mavlink_msg_heartbeat_encode_status, out);
+}
+
+void Bridge::send_progress() {
+    if (!nav_heard_) { return; }
+    const auto send = [this](const char* name, const float value) {
+        mavlink_named_value_float_t out{};
+        out.time_boot_ms = static_cast<std::uint32_t>(now_us_ / 1000);
+        std::copy_n(name, std::min(std::strlen(name), sizeof out.name), out.name);
+        out.value = value;
+        send_ground(mavlink_msg_named_value_float_encode_status, out);
+    };
+    send("nav_state", static_cast<float>(nav_.state));
+    send("nav_ready", static_cast<float>(nav_.ready));
+    send("area_m2", nav_.known_area_m2);
+    send("floor", static_cast<float>(nav_.floor));
+    send("quality", static_cast<float>(nav_.quality));
+}
+
+void Bridge::publish_vehicle() {
+    next_vehicle_us_ = now_us_ + kVehiclePeriod_us;
+    vehicle_.t_us = now_us_;
+    vehicle_.seq += 1;
+    vehicle_.armed = armed_ ? 1 : 0;
+    vehicle_.offboard = flavour_ != nullptr && custom_mode_ == flavour_->offboard.custom_mode ? 1 : 0;
+    vehicle_.landed = landed_;
+    vehicle_.mission_lost = flight_.mission_lost() ? 1 : 0;
+    vehicle_.battery_remaining = battery_;
+    vehicle_.local_position_valid = local_us_ >= 0 && now_us_ - local_us_ <= kLocalFresh_us ? 1 : 0;
+    vehicle_.local_x_m = local_.x_m;
+    vehicle_.local_y_m = local_.y_m;
+    vehicle_.local_z_m = local_.z_m;
+    vehicle_.local_yaw_rad = local_yaw_rad_;
+    sink_.publish(vehicle_);
+}
+
+/// Asks for what does not come at half its rate or more; looks again every five seconds.
+void Bridge::ask_for_streams() {
+    const auto ask = [this](const std::uint32_t msgid, const float rate_hz) {
+        send_command(MAV_CMD_SET_MESSAGE_INTERVAL, {static_cast<float>(msgid), 1e6F / rate_hz});
+    };
+    const float span_s = static_cast<float>(now_us_ - streams_since_us_) * 1e-6F;
+    for (Stream& stream : streams_) {
+        if (static_cast<float>(stream.count) < 0.5F * stream.rate_hz * span_s) {
+            ask(stream.msgid, stream.rate_hz);
+            if (stream.count == 0 && stream.substitute != 0) { ask(stream.substitute, stream.rate_hz); }
+        }
+        stream.count = 0;
+    }
+    streams_since_us_ = now_us_;
+    next_streams_us_ = now_us_ + kStreamsPeriod_us;
+}
+
+/// STATUSTEXT to both sides, in chunks of 50 characters. The same text within five seconds, and more than two a second after a burst of
+/// eight, are dropped and counted.
+void Bridge::text(const std::uint8_t severity, const char* format, ...) {
+    std::array<char, 160> line{};
+    va_list arguments;
+    va_start(arguments, format);
+    std::vsnprintf(line.data(), line.size(), format, arguments);
+    va_end(arguments);
+    const std::int64_t t_us = now_us_ >= 0 ? now_us_ : wall_us_;
+    const bool repeated = last_text_us_ >= 0 && t_us >= last_text_us_ && t_us - last_text_us_ < kRepeatedText_us && std::strcmp(line.data(), last_text_.data()) == 0;
+    if (t_us > text_tokens_us_) { text_tokens_ = std::min(kTextBurst, text_tokens_ + kTexts_hz * static_cast<float>(t_us - text_tokens_us_) * 1e-6F); }
+    text_tokens_us_ = t_us;
+    if (repeated || text_tokens_ < 1.0F) {
+        ++counters_.texts_dropped;
+        return;
+    }
+    text_tokens_ -= 1.0F;
+    last_text_ = line;
+    last_text_us_ = t_us;
+    mavlink_statustext_t out{};
+    const std::size_t length = std::strlen(line.data());
+    out.severity = severity;
+    if (length > sizeof out.text) { out.id = ++text_id_ == 0 ? ++text_id_ : text_id_; }
+    for (std::size_t begin = 0; begin < length; begin += sizeof out.text) {
+        std::memset(out.text, 0, sizeof out.text);
+        std::memcpy(out.text, line.data() + begin, std::min(length - begin, sizeof out.text));
+        send_autopilot(mavlink_msg_statustext_encode_status, out);
+        send_ground(mavlink_msg_statustext_encode_status, out);
+        ++out.chunk_seq;
+    }
+}
+
+}  // namespace noctule
