@@ -31,6 +31,7 @@ RATE_MAX_RAD_S = 3.5
 YAW_RATE_MAX_RAD_S = 1.8
 CARRY_S = 0.10              # a position setpoint is carried on with its velocity for at most this long
 FEED_ACCEL_MAX_M_S2 = 2.0
+BLIND_ACCEL_MAX_M_S2 = 1.5
 IDLE_SHARE = 0.01           # rotor thrust share when armed on the ground
 
 
@@ -86,13 +87,14 @@ class Controller:
         """Rotor demands (4,) for the next dt_s as shares of the greatest thrust.
 
         Args:
-            blind: the horizontal position is not known: stay level, follow only sp.vz.
+            blind: the position is not known: brake softly, follow only sp.vz.
             lift_max: greatest collective thrust, hover is 1 (the ground spool-up and the touch-down limit it).
 
         Source: docs/maths/vehicle.md, equations (20) to (26).
         """
-        if blind:
-            ax = ay = 0.0
+        if blind:  # brake on the inertial velocity, which is good for some seconds
+            ax = max(-BLIND_ACCEL_MAX_M_S2, min(BLIND_ACCEL_MAX_M_S2, -0.5 * VELOCITY_P * e.vx))
+            ay = max(-BLIND_ACCEL_MAX_M_S2, min(BLIND_ACCEL_MAX_M_S2, -0.5 * VELOCITY_P * e.vy))
             climb = sp.vz
         else:
             carry = min(CARRY_S, max(0.0, (e.t_us - sp.t_us) * 1e-6))

@@ -113,13 +113,13 @@ class RangeSensor:
 
 
 class Imu:
-    """Accelerometer and gyroscope: white noise of a given density and a constant bias drawn once per seed."""
+    """Accelerometer and gyroscope: white noise of a given density and on each axis a constant bias, its sign drawn per seed."""
 
     def __init__(self, profile: Profile, rng: np.random.Generator):
         self.profile = profile
         self._rng = rng
-        draw = np.clip(rng.standard_normal(6), -2.0, 2.0)
-        self.bias = [float(b) for b in draw * ([profile.accel_bias_m_s2] * 3 + [profile.gyro_bias_rad_s] * 3)]
+        sign = rng.choice((-1.0, 1.0), 6)
+        self.bias = [float(b) for b in sign * ([profile.accel_bias_m_s2] * 3 + [profile.gyro_bias_rad_s] * 3)]
         self._density = np.array([profile.accel_density] * 3 + [profile.gyro_density] * 3)
 
     def errors(self, spans_s: np.ndarray) -> list[list[float]]:
