@@ -108,7 +108,7 @@ def judge(settings: dict, sim: dict, states, reasons, landed: bool, sim_time_s: 
 
     Args:
         settings: run.json (interrupted, died, max_time_s, last_text).
-        sim: sim.json (reasons).
+        sim: sim.json (outcome, reasons).
         states, reasons: (N,) int, mission state and why it was entered, as recorded.
         landed: the vehicle is on the ground, disarmed.
         sim_time_s: simulated time at the end.
@@ -117,6 +117,8 @@ def judge(settings: dict, sim: dict, states, reasons, landed: bool, sim_time_s: 
         return "interrupted", "Stopped by the operator (SIGINT)."
     if settings.get("died"):
         return "failed", f"{settings['died']}."
+    if sim.get("outcome") == "crashed":
+        return "crashed", "; ".join(str(r) for r in sim.get("reasons") or ["The vehicle crashed"]).rstrip(".") + "."
     why = settings.get("last_text") or "; ".join(str(r) for r in sim.get("reasons", []) or [])
     ended = f" Last word: {why.rstrip('.')}." if why else ""
     states, reasons = np.asarray(states), np.asarray(reasons)

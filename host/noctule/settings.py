@@ -84,6 +84,10 @@ def parse_fault(text: str) -> str:
     """
     if not re.fullmatch(r"[a-z][a-z0-9-]*@\d+(\.\d+)?", text):
         raise InputError(f"--fault {text}: write it as NAME@SECONDS, for instance odometry-cut@40")
+    from noctule_sim.simulation import FAULTS
+
+    if text.partition("@")[0] not in FAULTS:
+        raise InputError(f"--fault {text}: no such fault; there are {', '.join(sorted(FAULTS))}")
     return text
 
 

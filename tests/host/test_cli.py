@@ -36,6 +36,7 @@ BAD = [
     (["fly", "maze_a", "--param", "speed_max_m_s=nan"], "outside"),
     (["fly", "maze_a", "--param", "SPEED_MAX=99"], "outside 0.1 to 3 m/s"),
     (["fly", "maze_a", "--fault", "odometry-cut"], "NAME@SECONDS"),
+    (["fly", "maze_a", "--fault", "gremlins@3"], "no such fault; there are"),
     (["fly", "maze_a", "--profile", "best"], "--profile"),
     (["fly", "maze_a", "--frobnicate"], "--frobnicate"),
     (["fly"], "WORLD"),

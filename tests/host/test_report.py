@@ -64,6 +64,7 @@ def states(*parts):
 
 
 @pytest.mark.parametrize("states_and_reasons, settings, landed, time_s, expected", [
+    ([(3, 3)], {"sim": {"outcome": "crashed", "reasons": ["the vehicle lies on its side"]}}, False, 9.0, "crashed"),
     ([(3, 3), (4, 4), (5, 10), (6, 11)], {}, True, 50.0, "completed"),
     ([(3, 3), (4, 16), (5, 10), (6, 11)], {}, True, 50.0, "not_completed"),      # came home for the battery
     ([(3, 3), (4, 4), (5, 18), (6, 11)], {}, True, 50.0, "not_completed"),       # landed elsewhere
@@ -77,7 +78,7 @@ def states(*parts):
 def test_the_outcome_is_judged_by_what_happened(states_and_reasons, settings, landed, time_s, expected):
     s = [a for a, _ in states_and_reasons]
     r = [b for _, b in states_and_reasons]
-    outcome, reason = report.judge(settings, {}, s, r, landed, time_s)
+    outcome, reason = report.judge(settings, settings.get("sim", {}), s, r, landed, time_s)
     assert outcome == expected and reason.endswith(".")
 
 

@@ -150,6 +150,9 @@ def test_a_perfect_map_scores_one_and_times_are_first_times(yaw):
     for key, tile in perfect_tiles(floor, start).items():         # later mistakes do not move the first time
         grade.update(99.0, *key, 0.1, 0 * tile)
     assert grade.explored_fraction == 0.0 and grade.time_to_s[0.99] <= last
+    for key, tile in perfect_tiles(floor, start).items():
+        grade.update(200.0, *key, 0.1, tile)
+    assert grade.explored_fraction == 1.0 and grade.time_to_s[0.99] <= last
 
 
 def test_a_map_shifted_by_one_cell_is_forgiven_and_by_three_is_not():
