@@ -39,6 +39,7 @@ inline constexpr std::size_t kMaxWalls = 192;            ///< walls handed out a
 inline constexpr std::size_t kMaxParticles = 128;        ///< hypotheses of the wall filter; a parameter sets how many are used
 inline constexpr std::size_t kMaxLandmarks = 160;        ///< walls of one particle; the one seen least gives way
 inline constexpr std::size_t kMaxPointCells = 8192;      ///< cells of the point map, a power of two; the one with fewest points gives way
+inline constexpr std::size_t kMaxPredictorSamples = 128; ///< inertial samples since the last scan; the oldest give way
 inline constexpr std::size_t kMaxMatchPoints = 240;      ///< points of one sweep matched with the point map; thinned out beyond
 
 }  // namespace noctule

@@ -6,32 +6,10 @@
 #include <cstdint>
 #include <limits>
 
-#include "core/bounded.hpp"
-#include "core/capacity.hpp"
 #include "core/frames.hpp"
+#include "sense/level_scan.hpp"
 
 namespace noctule {
-
-/// One beam after de-skew and tilt compensation. Frame: Body at the stamp of the scan, turned level with gravity
-/// (origin at the vehicle, x along its yaw, z up).
-struct ScanPoint {
-    float x_m = 0.0F;
-    float y_m = 0.0F;
-    float z_m = 0.0F;          ///< height over the vehicle
-    float origin_x_m = 0.0F;   ///< where the laser stood when this beam was cast, same frame
-    float origin_y_m = 0.0F;
-    float range_m = 0.0F;      ///< measured; range_max_m where nothing was hit
-    std::int16_t beam = 0;     ///< index in the scan, rising
-    bool hit = false;          ///< false: nothing was hit up to range_max_m (the point lies at that range)
-};
-
-/// A sweep without its bad beams, as seen from the pose at its stamp.
-struct LevelScan {
-    std::int64_t t_us = 0;
-    float range_max_m = 0.0F;
-    float bearing_increment_rad = 0.0F;
-    Bounded<ScanPoint, kMaxBeams> points;
-};
 
 /// Planar pose and velocity at the stamp of a scan.
 struct PlanarEstimate {

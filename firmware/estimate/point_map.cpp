@@ -1,0 +1,204 @@
+#include "estimate/point_map.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace noctule {
+
+namespace {
+
+constexpr std::size_t kProbe = 8;           // slots tried for one key
+constexpr float kTrusted = 4.0F;            // points of a cell before it takes part
+constexpr float kCountCap = 400.0F;
+constexpr int kRounds = 6;
+constexpr std::int32_t kPointsMin = 8;
+constexpr float kRobust2 = 6.0F;            // squared distance at which a point's weight has fallen to a quarter
+
+[[nodiscard]] std::int32_t pack(const std::int32_t ix, const std::int32_t iy) {
+    return static_cast<std::int32_t>((static_cast<std::uint32_t>(ix) << 16U) | (static_cast<std::uint32_t>(iy) & 0xFFFFU));
+}
+
+}  // namespace
+
+void PointMap::clear() {
+    for (Cell& cell : cells_) { cell.count = 0.0F; }
+    size_ = 0;
+}
+
+std::size_t PointMap::slot(const std::int32_t key) {
+    return (static_cast<std::uint32_t>(key) * 2654435769U) >> 19U;  // Fibonacci hashing to 13 bits
+}
+static_assert(kMaxPointCells == 8192, "slot() makes 13 bits");
+
+std::int32_t PointMap::key_of(const float x_m, const float y_m) const {
+    // Sixteen bits an axis: at 0.2 m that is +-6.5 km.
+    const float scale = 1.0F / parameters_.point_cell_m;
+    return pack(static_cast<std::int32_t>(std::floor(x_m * scale)), static_cast<std::int32_t>(std::floor(y_m * scale)));
+}
+
+const PointMap::Cell* PointMap::find(const std::int32_t key) const {
+    const std::size_t first = slot(key);
+    for (std::size_t i = 0; i < kProbe; ++i) {
+        const Cell& cell = cells_[(first + i) % kMaxPointCells];
+        if (cell.count <= 0.0F) { return nullptr; }
+        if (cell.key == key) { return &cell; }
+    }
+    return nullptr;
+}
+
+PointMap::Cell& PointMap::place_for(const std::int32_t key) {
+    const std::size_t first = slot(key);
+    Cell* weakest = nullptr;
+    for (std::size_t i = 0; i < kProbe; ++i) {
+        Cell& cell = cells_[(first + i) % kMaxPointCells];
+        if (cell.count <= 0.0F) {
+            cell = Cell{};
+            cell.key = key;
+            ++size_;
+            return cell;
+        }
+        if (cell.key == key) { return cell; }
+        if (weakest == nullptr || cell.count < weakest->count) { weakest = &cell; }
+    }
+    ++counters_.evicted;
+    *weakest = Cell{};
+    weakest->key = key;
+    return *weakest;
+}
+
+const PointMap::Cell* PointMap::nearest(const float x_m, const float y_m) const {
+    // The own cell and the three neighbours on the point's side; the nearest mean counts.
+    const float half = 0.5F * parameters_.point_cell_m;
+    const Cell* best = nullptr;
+    float best_m2 = parameters_.point_cell_m * parameters_.point_cell_m;
+    for (const float sx : {-half, half}) {
+        for (const float sy : {-half, half}) {
+            const Cell* cell = find(key_of(x_m + sx, y_m + sy));
+            if (cell == nullptr || cell->count < kTrusted) { continue; }
+            const float dx = x_m - cell->mean_x_m;
+            const float dy = y_m - cell->mean_y_m;
+            const float d2 = dx * dx + dy * dy;
+            if (d2 < best_m2) {
+                best_m2 = d2;
+                best = cell;
+            }
+        }
+    }
+    return best;
+}
+
+PoseMatch PointMap::match(const MatchPoints& points, const Pose2<Map, Body>& predicted, const Matrix<float, 3, 3>& covariance) {
+    PoseMatch result;
+    if (points.size() < static_cast<std::size_t>(kPointsMin) || size_ == 0) { return result; }
+    Matrix<float, 3, 3> prior;
+    Matrix<float, 3, 3> widened = covariance;
+    // The prior only keeps the search near; it is widened so that it does not decide, and it is no part of the answer.
+    for (std::size_t i = 0; i < 9; ++i) { widened.values[i] *= 4.0F; }
+    widened(0, 0) += 1e-4F;
+    widened(1, 1) += 1e-4F;
+    widened(2, 2) += 1e-5F;
+    if (!invert(widened, prior)) { return result; }
+    const float noise_m2 = parameters_.laser_range_noise_m * parameters_.laser_range_noise_m;
+
+    Pose2<Map, Body> pose = predicted;
+    Matrix<float, 3, 3> lambda;
+    Matrix<float, 3, 1> b;
+    for (int round = 0; round < kRounds; ++round) {
+        lambda = Matrix<float, 3, 3>{};
+        b = Matrix<float, 3, 1>{};
+        result.points = 0;
+        const float c = std::cos(pose.yaw_rad);
+        const float s = std::sin(pose.yaw_rad);
+        for (const Point2<Body>& point : points) {
+            const float rx = c * point.x_m - s * point.y_m;
+            const float ry = s * point.x_m + c * point.y_m;
+            const float x_m = pose.x_m + rx;
+            const float y_m = pose.y_m + ry;
+            const Cell* cell = nearest(x_m, y_m);
+            if (cell == nullptr) { continue; }
+            // Information of the cell's Gaussian with the point's own noise; e = mean - point, d point / d yaw = (-ry, rx).
+            const float a = cell->xx + noise_m2;
+            const float d = cell->yy + noise_m2;
+            const float o = cell->xy;
+            const float determinant = a * d - o * o;
+            if (!(determinant > 0.0F)) { continue; }
+            const float ex = cell->mean_x_m - x_m;
+            const float ey = cell->mean_y_m - y_m;
+            float ixx = d / determinant;
+            float ixy = -o / determinant;
+            float iyy = a / determinant;
+            const float d2 = ixx * ex * ex + 2.0F * ixy * ex * ey + iyy * ey * ey;
+            const float softness = kRobust2 / (kRobust2 + d2);
+            const float weight = softness * softness;
+            ixx *= weight;
+            ixy *= weight;
+            iyy *= weight;
+            const float gx = ixx * ex + ixy * ey;
+            const float gy = ixy * ex + iyy * ey;
+            const float hx = -ixx * ry + ixy * rx;  // information times d point / d yaw
+            const float hy = -ixy * ry + iyy * rx;
+            lambda(0, 0) += ixx;
+            lambda(0, 1) += ixy;
+            lambda(1, 1) += iyy;
+            lambda(0, 2) += hx;
+            lambda(1, 2) += hy;
+            lambda(2, 2) += -ry * hx + rx * hy;
+            b(0, 0) += gx;
+            b(1, 0) += gy;
+            b(2, 0) += -ry * gx + rx * gy;
+            ++result.points;
+        }
+        lambda(1, 0) = lambda(0, 1);
+        lambda(2, 0) = lambda(0, 2);
+        lambda(2, 1) = lambda(1, 2);
+        if (result.points < kPointsMin) {
+            ++counters_.unmatched;
+            return result;
+        }
+        Matrix<float, 3, 1> back;
+        back.values = {predicted.x_m - pose.x_m, predicted.y_m - pose.y_m, wrap_angle(predicted.yaw_rad - pose.yaw_rad)};
+        Matrix<float, 3, 3> inverse;
+        if (!invert(lambda + prior, inverse)) { return result; }
+        const Matrix<float, 3, 1> step = inverse * (b + prior * back);
+        if (round + 1 == kRounds || (std::abs(step(0, 0)) + std::abs(step(1, 0)) < 1e-4F && std::abs(step(2, 0)) < 2e-5F)) { break; }
+        pose = {pose.x_m + step(0, 0), pose.y_m + step(1, 0), wrap_angle(pose.yaw_rad + step(2, 0))};
+    }
+    // However many points agree, cells are no better than this: Lambda' = Lambda (I + F Lambda)^-1, and b alike.
+    Matrix<float, 3, 3> floor;
+    floor(0, 0) = parameters_.point_floor_m * parameters_.point_floor_m;
+    floor(1, 1) = floor(0, 0);
+    floor(2, 2) = parameters_.point_floor_rad * parameters_.point_floor_rad;
+    Matrix<float, 3, 3> shrink;
+    if (!invert(Matrix<float, 3, 3>::identity() + lambda * floor, shrink)) { return result; }
+    result.lambda = shrink * lambda;
+    symmetrise(result.lambda);
+    result.b = shrink * b;
+    result.pose = pose;
+    result.valid = true;
+    return result;
+}
+
+void PointMap::add(const MatchPoints& points, const Pose2<Map, Body>& pose) {
+    const float floor_m2 = 2.5e-5F;  // (5 mm)^2: a cell is never thinner
+    for (const Point2<Body>& point : points) {
+        const Point2<Map> p = pose * point;
+        Cell& cell = place_for(key_of(p.x_m, p.y_m));
+        cell.count = std::min(cell.count + 1.0F, kCountCap);
+        const float gain = 1.0F / cell.count;
+        const float dx = p.x_m - cell.mean_x_m;
+        const float dy = p.y_m - cell.mean_y_m;
+        cell.mean_x_m += gain * dx;
+        cell.mean_y_m += gain * dy;
+        if (cell.count <= 1.0F) {
+            cell.xx = floor_m2;
+            cell.yy = floor_m2;
+            cell.xy = 0.0F;
+            continue;
+        }
+        cell.xx = std::max(floor_m2, (1.0F - gain) * (cell.xx + gain * dx * dx));
+        cell.xy = (1.0F - gain) * (cell.xy + gain * dx * dy);
+        cell.yy = std::max(floor_m2, (1.0F - gain) * (cell.yy + gain * dy * dy));
+    }
+}
+
+}  // namespace noctule

@@ -1,0 +1,474 @@
+#include "estimate/wall_filter.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace noctule {
+
+namespace {
+
+constexpr float kDirectionGate = 0.96F;   // cosine of 16 degrees
+constexpr float kOffsetGate_m = 0.6F;     // across the wall; the statistical gate is far inside
+constexpr std::int16_t kTrustStart = 2;   // algorithms E
+constexpr std::int16_t kTrustGain = 2;
+constexpr std::int16_t kTrustCap = 80;
+constexpr std::uint32_t kLookPeriod = 4;  // default: every particle looks for its landmarks each so many scans
+constexpr float kSeeThrough_m = 0.25F;
+constexpr float kOccluded_m = 0.15F;
+// A landmark is never better known than this, so that it can still follow what the filter learns.
+constexpr float kLandmarkFloor_m2 = 2.5e-7F;
+constexpr float kLandmarkFloor_rad2 = 4.0e-8F;
+
+[[nodiscard]] Matrix<float, 3, 3> turned(const Matrix<float, 3, 3>& p, const float yaw_rad) {
+    Matrix<float, 3, 3> turn = Matrix<float, 3, 3>::identity();
+    const float c = std::cos(yaw_rad);
+    const float s = std::sin(yaw_rad);
+    turn(0, 0) = c;
+    turn(0, 1) = -s;
+    turn(1, 0) = s;
+    turn(1, 1) = c;
+    return turn * p * transpose(turn);
+}
+
+/// H_x P H_x^T for a wall in direction beta (algorithms D).
+[[nodiscard]] LineCovariance seen_from(const Matrix<float, 3, 3>& p, const float c, const float s) {
+    return {c * c * p(0, 0) + 2.0F * c * s * p(0, 1) + s * s * p(1, 1), c * p(0, 2) + s * p(1, 2), p(2, 2)};
+}
+
+/// Positive part of a symmetric matrix, position and yaw taken apart.
+[[nodiscard]] Matrix<float, 3, 3> positive_part(const Matrix<float, 3, 3>& a) {
+    Matrix<float, 3, 3> out;
+    const Eigen2<float> eigen = eigen_symmetric(a(0, 0), a(0, 1), a(1, 1));
+    const float c = std::cos(eigen.direction_rad);
+    const float s = std::sin(eigen.direction_rad);
+    const float large = std::max(0.0F, eigen.large);
+    const float small = std::max(0.0F, eigen.small);
+    out(0, 0) = large * c * c + small * s * s;
+    out(0, 1) = (large - small) * c * s;
+    out(1, 0) = out(0, 1);
+    out(1, 1) = large * s * s + small * c * c;
+    out(2, 2) = std::max(0.0F, a(2, 2));
+    return out;
+}
+
+}  // namespace
+
+std::size_t WallFilter::count() const {
+    return static_cast<std::size_t>(std::clamp(parameters_.particles, 1, static_cast<std::int32_t>(kMaxParticles)));
+}
+
+void WallFilter::start(const Pose2<Map, Body>& pose) {
+    for (Particle& particle : particles_) {
+        particle.pose = pose;
+        particle.log_weight = 0.0F;
+        particle.count = 0;
+    }
+    mean_ = pose;
+    spread_ = Matrix<float, 3, 3>{};
+    predicted_covariance_ = spread_;
+    best_ = 0;
+}
+
+void WallFilter::predict(const MotionIncrement& motion) {
+    motion_covariance_ = motion.covariance;
+    motion_covariance_(0, 0) += parameters_.motion_floor_m * parameters_.motion_floor_m;
+    motion_covariance_(1, 1) += parameters_.motion_floor_m * parameters_.motion_floor_m;
+    motion_covariance_(2, 2) += parameters_.motion_floor_rad * parameters_.motion_floor_rad;
+    const Pose2<Body, Body> step{motion.dx_m, motion.dy_m, motion.dyaw_rad};
+    for (std::size_t i = 0; i < count(); ++i) {
+        Pose2<Map, Body>& pose = particles_[i].pose;
+        pose = pose * step;
+        predicted_[i] = pose;
+    }
+    mean_ = mean_ * step;
+    // What the source of motion knows to be uncertain and the particles do not yet show (docs/maths/localisation.md, equation 9).
+    const Matrix<float, 3, 3> shown = spread_ + turned(motion_covariance_, mean_.yaw_rad);
+    widening_ = positive_part(motion.pose_covariance - shown);
+    predicted_covariance_ = shown + widening_;
+}
+
+std::int32_t WallFilter::associate(const Particle& particle, const Belief& belief, const WallObservation& wall) const {
+    const float gamma_rad = wall.alpha_rad + belief.pose.yaw_rad;
+    const float c = std::cos(gamma_rad);
+    const float s = std::sin(gamma_rad);
+    const float rx = wall.rho_m * c;
+    const float ry = wall.rho_m * s;
+    const Point2<Map> middle{belief.pose.x_m + rx - wall.lever_m * s, belief.pose.y_m + ry + wall.lever_m * c};
+    const float half_from_m = wall.from_m - wall.lever_m;
+    const float half_to_m = wall.to_m - wall.lever_m;
+    const float gap_m = parameters_.association_gap_m;
+    const LineCovariance floor{parameters_.association_floor_m * parameters_.association_floor_m, 0.0F,
+                               parameters_.association_floor_rad * parameters_.association_floor_rad};
+    const LineCovariance gate_noise = wall.covariance + floor.sheared(wall.lever_m);
+    std::int32_t best = -1;
+    float best_density = std::log(parameters_.new_wall_density);
+    for (std::int32_t i = 0; i < particle.count; ++i) {
+        const Landmark& landmark = particle.landmarks[static_cast<std::size_t>(i)];
+        if (landmark.cos_beta * c + landmark.sin_beta * s < kDirectionGate) { continue; }
+        if (std::abs(landmark.before(middle.x_m, middle.y_m)) > kOffsetGate_m) { continue; }
+        const float along_m = landmark.along(middle.x_m, middle.y_m);
+        if (along_m + half_from_m > landmark.to_m + gap_m || along_m + half_to_m < landmark.from_m - gap_m) { continue; }
+        const LineMeasurement expected = landmark.predict(belief.pose);
+        const float lever_m = landmark.along(belief.pose.x_m, belief.pose.y_m);
+        const LineCovariance total = seen_from(belief.p, landmark.cos_beta, landmark.sin_beta) + landmark.covariance.sheared(-lever_m) + gate_noise;
+        const float density = log_density(wall.rho_m - expected.rho_m, wrap_angle(wall.alpha_rad - expected.alpha_rad), total);
+        if (density > best_density) {
+            best_density = density;
+            best = i;
+        }
+    }
+    return best;
+}
+
+float WallFilter::fuse(const Landmark& landmark, const WallObservation& wall, const Pose2<Map, Body>& predicted, Belief& belief,
+                       float& noise_scale) const {
+    const LineMeasurement expected = landmark.predict(belief.pose);
+    const float d_rho = wall.rho_m - expected.rho_m;
+    const float d_alpha = wrap_angle(wall.alpha_rad - expected.alpha_rad);
+    const float c = landmark.cos_beta;
+    const float s = landmark.sin_beta;
+    // R = H_F F H_F^T + Q, S = H_x P H_x^T + R
+    LineCovariance noise = landmark.covariance.sheared(-landmark.along(belief.pose.x_m, belief.pose.y_m)) + wall.covariance;
+    const LineCovariance prior = seen_from(belief.p, c, s);
+    LineCovariance total = prior + noise;
+    const float limit2 = parameters_.outlier_sigma * parameters_.outlier_sigma;
+    const float d2 = total.distance_squared(d_rho, d_alpha);
+    noise_scale = 1.0F;
+    if (d2 > limit2) {
+        noise_scale = d2 / limit2;
+        noise = noise.scaled(noise_scale);
+        total = prior + noise;
+    }
+    const float density = log_density(d_rho, d_alpha, total);
+
+    // K = P H_x^T S^-1 with H_x = [[-c, -s, 0], [0, 0, -1]]
+    const float determinant = total.determinant();
+    const float i_rr = total.alpha_alpha / determinant;
+    const float i_ra = -total.rho_alpha / determinant;
+    const float i_aa = total.rho_rho / determinant;
+    std::array<float, 3> g_rho{};    // P H_x^T, first column
+    std::array<float, 3> g_alpha{};  // second column
+    for (std::size_t i = 0; i < 3; ++i) {
+        g_rho[i] = -c * belief.p(i, 0) - s * belief.p(i, 1);
+        g_alpha[i] = -belief.p(i, 2);
+    }
+    // What the laser alone says, about the predicted pose: Lambda += H^T R^-1 H, b += H^T R^-1 (z - h(predicted)).
+    const float n_det = noise.determinant();
+    const float n_rr = noise.alpha_alpha / n_det;
+    const float n_ra = -noise.rho_alpha / n_det;
+    const float n_aa = noise.rho_rho / n_det;
+    const float moved_rho = d_rho - c * (belief.pose.x_m - predicted.x_m) - s * (belief.pose.y_m - predicted.y_m);
+    const float moved_alpha = d_alpha - wrap_angle(belief.pose.yaw_rad - predicted.yaw_rad);
+    const float w_rho = n_rr * moved_rho + n_ra * moved_alpha;
+    const float w_alpha = n_ra * moved_rho + n_aa * moved_alpha;
+    belief.lambda(0, 0) += c * c * n_rr;
+    belief.lambda(0, 1) += c * s * n_rr;
+    belief.lambda(1, 1) += s * s * n_rr;
+    belief.lambda(0, 2) += c * n_ra;
+    belief.lambda(1, 2) += s * n_ra;
+    belief.lambda(2, 2) += n_aa;
+    belief.b(0, 0) += -c * w_rho;
+    belief.b(1, 0) += -s * w_rho;
+    belief.b(2, 0) += -w_alpha;
+
+    const float y_rho = i_rr * d_rho + i_ra * d_alpha;
+    const float y_alpha = i_ra * d_rho + i_aa * d_alpha;
+    belief.pose.x_m += g_rho[0] * y_rho + g_alpha[0] * y_alpha;
+    belief.pose.y_m += g_rho[1] * y_rho + g_alpha[1] * y_alpha;
+    belief.pose.yaw_rad = wrap_angle(belief.pose.yaw_rad + g_rho[2] * y_rho + g_alpha[2] * y_alpha);
+    for (std::size_t i = 0; i < 3; ++i) {
+        const float k_rho = g_rho[i] * i_rr + g_alpha[i] * i_ra;
+        const float k_alpha = g_rho[i] * i_ra + g_alpha[i] * i_aa;
+        for (std::size_t j = 0; j < 3; ++j) { belief.p(i, j) -= k_rho * g_rho[j] + k_alpha * g_alpha[j]; }
+    }
+    symmetrise(belief.p);
+    return density;
+}
+
+void WallFilter::fuse_match(const PoseMatch& match, const Pose2<Map, Body>& predicted, Belief& belief) {
+    Matrix<float, 3, 3> gain;
+    if (!invert(Matrix<float, 3, 3>::identity() + match.lambda * belief.p, gain)) { return; }
+    Matrix<float, 3, 1> off;
+    off.values = {match.pose.x_m - belief.pose.x_m, match.pose.y_m - belief.pose.y_m, wrap_angle(match.pose.yaw_rad - belief.pose.yaw_rad)};
+    const Matrix<float, 3, 1> step = belief.p * (gain * (match.b + match.lambda * off));
+    Matrix<float, 3, 1> from_predicted;
+    from_predicted.values = {match.pose.x_m - predicted.x_m, match.pose.y_m - predicted.y_m, wrap_angle(match.pose.yaw_rad - predicted.yaw_rad)};
+    belief.b += match.b + match.lambda * from_predicted;
+    // The upper triangle alone is kept during the update.
+    for (std::size_t i = 0; i < 3; ++i) {
+        for (std::size_t j = i; j < 3; ++j) { belief.lambda(i, j) += match.lambda(i, j); }
+    }
+    belief.p = belief.p * gain;  // P (I + Lambda P)^-1
+    symmetrise(belief.p);
+    belief.pose = {belief.pose.x_m + step(0, 0), belief.pose.y_m + step(1, 0), wrap_angle(belief.pose.yaw_rad + step(2, 0))};
+}
+
+void WallFilter::learn(Landmark& landmark, const WallObservation& wall, const Pose2<Map, Body>& pose, const float noise_scale) const {
+    // Kalman update of (s, beta) at a pose taken as exact: H_F = [[1, -along], [0, 1]].
+    const float lever_m = landmark.along(pose.x_m, pose.y_m);
+    const LineMeasurement expected = landmark.predict(pose);
+    // z - z^ in the landmark's own form: s = rho + along * beta keeps H the identity.
+    const float d_beta = wrap_angle(wall.alpha_rad - expected.alpha_rad);
+    const float d_s = wall.rho_m - expected.rho_m + lever_m * d_beta;
+    const LineCovariance noise = wall.covariance.scaled(noise_scale).sheared(lever_m);
+    const LineCovariance& f = landmark.covariance;
+    const LineCovariance total = f + noise;
+    const float determinant = total.determinant();
+    const float i_ss = total.alpha_alpha / determinant;
+    const float i_sb = -total.rho_alpha / determinant;
+    const float i_bb = total.rho_rho / determinant;
+    const float k_ss = f.rho_rho * i_ss + f.rho_alpha * i_sb;
+    const float k_sb = f.rho_rho * i_sb + f.rho_alpha * i_bb;
+    const float k_bs = f.rho_alpha * i_ss + f.alpha_alpha * i_sb;
+    const float k_bb = f.rho_alpha * i_sb + f.alpha_alpha * i_bb;
+    landmark.s_m += k_ss * d_s + k_sb * d_beta;
+    landmark.set_beta(landmark.beta_rad + k_bs * d_s + k_bb * d_beta);
+    // F (F + N)^-1 N: symmetric, positive, and nothing is subtracted.
+    const LineCovariance updated{k_ss * noise.rho_rho + k_sb * noise.rho_alpha, k_ss * noise.rho_alpha + k_sb * noise.alpha_alpha,
+                                 k_bs * noise.rho_alpha + k_bb * noise.alpha_alpha};
+    landmark.covariance = {std::max(updated.rho_rho, kLandmarkFloor_m2), updated.rho_alpha, std::max(updated.alpha_alpha, kLandmarkFloor_rad2)};
+    const Point2<Map> end0 = pose * wall.at(wall.from_m);
+    const Point2<Map> end1 = pose * wall.at(wall.to_m);
+    landmark.from_m = std::min(landmark.from_m, landmark.along(end0.x_m, end0.y_m));
+    landmark.to_m = std::max(landmark.to_m, landmark.along(end1.x_m, end1.y_m));
+    landmark.trust = std::min<std::int16_t>(kTrustCap, static_cast<std::int16_t>(landmark.trust + kTrustGain));
+    landmark.seen = std::min<std::int16_t>(32000, static_cast<std::int16_t>(landmark.seen + 1));
+}
+
+void WallFilter::insert(Particle& particle, const WallObservation& wall, const Pose2<Map, Body>& pose) {
+    const std::int32_t most = std::clamp(parameters_.landmarks_max, 1, static_cast<std::int32_t>(kMaxLandmarks));
+    std::int32_t at = particle.count;
+    if (at >= most) {
+        at = 0;
+        for (std::int32_t i = 1; i < particle.count; ++i) {
+            if (particle.landmarks[static_cast<std::size_t>(i)].seen < particle.landmarks[static_cast<std::size_t>(at)].seen) { at = i; }
+        }
+        ++counters_.evicted;
+    } else {
+        ++particle.count;
+    }
+    Landmark& landmark = particle.landmarks[static_cast<std::size_t>(at)];
+    landmark = make_landmark(wall, pose);
+    landmark.trust = kTrustStart;
+    landmark.seen = 1;
+}
+
+void WallFilter::prepare_bearings(const LevelScan& scan) {
+    farthest_m_.fill(0.0F);
+    range_max_m_ = scan.range_max_m;
+    constexpr float kScale = static_cast<float>(kBearingBins) / (2.0F * kPi);
+    for (const ScanPoint& point : scan.points) {
+        const float bearing_rad = std::atan2(point.y_m, point.x_m);
+        const auto bin = static_cast<std::size_t>((bearing_rad + kPi) * kScale) % kBearingBins;
+        farthest_m_[bin] = std::max(farthest_m_[bin], std::hypot(point.x_m, point.y_m));
+    }
+}
+
+void WallFilter::look_for_landmarks(Particle& particle, const std::array<bool, kMaxLandmarks>& associated) {
+    const bool through_only = parameters_.visibility_through != 0;
+    constexpr float kScale = static_cast<float>(kBearingBins) / (2.0F * kPi);
+    const float c = std::cos(particle.pose.yaw_rad);
+    const float s = std::sin(particle.pose.yaw_rad);
+    for (std::int32_t i = particle.count - 1; i >= 0; --i) {
+        Landmark& landmark = particle.landmarks[static_cast<std::size_t>(i)];
+        if (through_only && associated[static_cast<std::size_t>(i)]) { continue; }
+        const float distance_m = landmark.before(particle.pose.x_m, particle.pose.y_m);
+        if (distance_m < 0.0F || distance_m > range_max_m_) { continue; }
+        std::int32_t in_view = 0;
+        std::int32_t passed = 0;
+        for (const float share : {0.25F, 0.5F, 0.75F}) {
+            const Point2<Map> p = landmark.at(landmark.from_m + share * (landmark.to_m - landmark.from_m));
+            const float dx = p.x_m - particle.pose.x_m;
+            const float dy = p.y_m - particle.pose.y_m;
+            const float range_m = std::hypot(dx, dy);
+            if (range_m > 0.95F * range_max_m_ || range_m < 0.3F) { continue; }
+            const float bearing_rad = std::atan2(c * dy - s * dx, c * dx + s * dy);
+            const auto bin = static_cast<std::size_t>((bearing_rad + kPi) * kScale) % kBearingBins;
+            if (farthest_m_[bin] <= 0.0F) { continue; }
+            if (!through_only) {
+                ++in_view;
+                continue;
+            }
+            if (distance_m < 0.25F * range_m || farthest_m_[bin] < range_m - kOccluded_m) { continue; }
+            ++in_view;
+            if (farthest_m_[bin] > range_m + kSeeThrough_m) { ++passed; }
+        }
+        if (in_view == 0) { continue; }
+        std::int16_t loss = 1;
+        if (through_only && passed == in_view) { loss = static_cast<std::int16_t>(kLookPeriod); }
+        landmark.trust = static_cast<std::int16_t>(landmark.trust - loss);
+        if (landmark.trust < 0) {
+            landmark = particle.landmarks[static_cast<std::size_t>(particle.count - 1)];
+            --particle.count;
+            ++counters_.removed;
+        }
+    }
+}
+
+void WallFilter::update_particle(Particle& particle, const std::size_t index, const WallObservations& walls, const PoseMatch& match) {
+    Belief belief;
+    belief.pose = particle.pose;
+    belief.p = turned(motion_covariance_, particle.pose.yaw_rad) + widening_;
+    const Pose2<Map, Body> predicted = particle.pose;
+    std::array<Assignment, kMaxWallsPerScan> assigned{};
+    std::array<bool, kMaxLandmarks> associated{};
+    const float log_new = std::log(parameters_.new_wall_density);
+    std::int32_t matched = 0;
+    // Longest walls first: what they say narrows the gates of the others.
+    for (std::size_t j = 0; j < walls.size(); ++j) {
+        const std::int32_t l = associate(particle, belief, walls[j]);
+        assigned[j].landmark = l;
+        if (l < 0) {
+            particle.log_weight += log_new;
+            continue;
+        }
+        ++matched;
+        associated[static_cast<std::size_t>(l)] = true;
+        const float density = fuse(particle.landmarks[static_cast<std::size_t>(l)], walls[j], predicted, belief, assigned[j].noise_scale);
+        particle.log_weight += std::max(log_new, density);
+    }
+    if (match.valid) { fuse_match(match, predicted, belief); }
+    belief.lambda(1, 0) = belief.lambda(0, 1);
+    belief.lambda(2, 0) = belief.lambda(0, 2);
+    belief.lambda(2, 1) = belief.lambda(1, 2);
+    lambda_[index] = belief.lambda;
+    b_[index] = belief.b;
+    matched_[index] = matched;
+
+    const Matrix<float, 3, 3> root = cholesky(belief.p);
+    Matrix<float, 3, 1> draw;
+    draw.values = {random_.normal(), random_.normal(), random_.normal()};
+    const Matrix<float, 3, 1> offset = root * draw;
+    particle.pose = {belief.pose.x_m + offset(0, 0), belief.pose.y_m + offset(1, 0), wrap_angle(belief.pose.yaw_rad + offset(2, 0))};
+
+    for (std::size_t j = 0; j < walls.size(); ++j) {
+        if (assigned[j].landmark >= 0) {
+            learn(particle.landmarks[static_cast<std::size_t>(assigned[j].landmark)], walls[j], particle.pose, assigned[j].noise_scale);
+        }
+    }
+    if (parameters_.visibility_through == 0 || (step_ + index) % kLookPeriod == 0) { look_for_landmarks(particle, associated); }
+    for (std::size_t j = 0; j < walls.size(); ++j) {
+        if (assigned[j].landmark < 0) { insert(particle, walls[j], particle.pose); }
+    }
+}
+
+const WallFilter::Result& WallFilter::update(const WallObservations& walls, const PoseMatch& match, const LevelScan& scan) {
+    ++step_;
+    prepare_bearings(scan);
+    for (std::size_t i = 0; i < count(); ++i) { update_particle(particles_[i], i, walls, match); }
+    summarise();
+    const float limit = parameters_.resample_share * static_cast<float>(count());
+    if (result_.effective_particles < limit || parameters_.resample_share >= 1.0F) { resample(); }
+    return result_;
+}
+
+void WallFilter::summarise() {
+    const std::size_t n = count();
+    best_ = 0;
+    for (std::size_t i = 1; i < n; ++i) {
+        if (particles_[i].log_weight > particles_[best_].log_weight) { best_ = i; }
+    }
+    const float top = particles_[best_].log_weight;
+    float sum = 0.0F;
+    for (std::size_t i = 0; i < n; ++i) {
+        particles_[i].log_weight -= top;
+        weight_[i] = std::exp(particles_[i].log_weight);
+        sum += weight_[i];
+    }
+    if (!std::isfinite(sum) || !(sum > 0.0F)) {
+        ++counters_.restarts;
+        for (std::size_t i = 0; i < n; ++i) {
+            particles_[i].log_weight = 0.0F;
+            weight_[i] = 1.0F;
+        }
+        sum = static_cast<float>(n);
+    }
+    float squares = 0.0F;
+    double mx = 0.0;
+    double my = 0.0;
+    double myaw = 0.0;
+    double px = 0.0;
+    double py = 0.0;
+    const float yaw_best = particles_[best_].pose.yaw_rad;
+    for (std::size_t i = 0; i < n; ++i) {
+        weight_[i] /= sum;
+        squares += weight_[i] * weight_[i];
+        const auto w = static_cast<double>(weight_[i]);
+        mx += w * static_cast<double>(particles_[i].pose.x_m);
+        my += w * static_cast<double>(particles_[i].pose.y_m);
+        myaw += w * static_cast<double>(wrap_angle(particles_[i].pose.yaw_rad - yaw_best));
+        px += w * static_cast<double>(predicted_[i].x_m);
+        py += w * static_cast<double>(predicted_[i].y_m);
+    }
+    const Pose2<Map, Body> predicted_mean = mean_;
+    mean_ = {static_cast<float>(mx), static_cast<float>(my), wrap_angle(yaw_best + static_cast<float>(myaw))};
+    Matrix<float, 3, 3> spread;
+    Matrix<double, 3, 3> lambda;
+    Matrix<double, 3, 1> b;
+    for (std::size_t i = 0; i < n; ++i) {
+        Matrix<float, 3, 1> off;
+        off.values = {particles_[i].pose.x_m - mean_.x_m, particles_[i].pose.y_m - mean_.y_m, wrap_angle(particles_[i].pose.yaw_rad - mean_.yaw_rad)};
+        spread += weight_[i] * (off * transpose(off));
+        const auto w = static_cast<double>(weight_[i]);
+        for (std::size_t k = 0; k < 9; ++k) { lambda.values[k] += w * static_cast<double>(lambda_[i].values[k]); }
+        for (std::size_t k = 0; k < 3; ++k) { b.values[k] += w * static_cast<double>(b_[i].values[k]); }
+    }
+    // Where the particles had been widened, choosing among them is what the laser said, too: it moves the predicted mean.
+    const Eigen2<float> widest = eigen_symmetric(widening_(0, 0), widening_(0, 1), widening_(1, 1));
+    if (widest.large > 0.0F) {
+        const double c = std::cos(static_cast<double>(widest.direction_rad));
+        const double s = std::sin(static_cast<double>(widest.direction_rad));
+        const double shown = c * c * static_cast<double>(spread_(0, 0)) + 2.0 * c * s * static_cast<double>(spread_(0, 1)) + s * s * static_cast<double>(spread_(1, 1));
+        const double share = static_cast<double>(widest.large) / (static_cast<double>(widest.large) + shown);
+        const double moved = share * (c * (px - static_cast<double>(predicted_mean.x_m)) + s * (py - static_cast<double>(predicted_mean.y_m)));
+        for (std::size_t k = 0; k < 3; ++k) { b(k, 0) += (lambda(k, 0) * c + lambda(k, 1) * s) * moved; }
+    }
+    spread_ = spread;
+    result_.pose = mean_;
+    result_.covariance = spread;
+    result_.laser = {lambda, b};
+    result_.effective_particles = 1.0F / squares;
+    result_.walls_matched = matched_[best_];
+}
+
+void WallFilter::resample() {
+    // Low-variance sampler; survivors stay where they are and the others are overwritten, so that little is copied.
+    const std::size_t n = count();
+    std::array<std::uint16_t, kMaxParticles> copies{};
+    const float step = 1.0F / static_cast<float>(n);
+    float pointer = random_.uniform() * step;
+    float cumulative = weight_[0];
+    std::size_t i = 0;
+    for (std::size_t k = 0; k < n; ++k) {
+        while (pointer > cumulative && i + 1 < n) { cumulative += weight_[++i]; }
+        ++copies[i];
+        pointer += step;
+    }
+    std::size_t source = 0;
+    for (std::size_t target = 0; target < n; ++target) {
+        if (copies[target] > 0) { continue; }
+        while (copies[source] < 2) { ++source; }
+        --copies[source];
+        copies[target] = 1;
+        const Particle& from = particles_[source];
+        Particle& to = particles_[target];
+        to.pose = from.pose;
+        to.count = from.count;
+        std::copy_n(from.landmarks.begin(), from.count, to.landmarks.begin());
+    }
+    for (std::size_t k = 0; k < n; ++k) { particles_[k].log_weight = 0.0F; }
+    ++counters_.resampled;
+}
+
+void WallFilter::best_walls(Bounded<WallSegment, kMaxWalls>& out) const {
+    out.clear();
+    const Particle& particle = particles_[best_];
+    for (std::int32_t i = 0; i < particle.count; ++i) {
+        const Landmark& landmark = particle.landmarks[static_cast<std::size_t>(i)];
+        const LineCovariance covariance = landmark.covariance_at_origin();
+        static_cast<void>(out.push({landmark.hessian(), landmark.at(landmark.from_m), landmark.at(landmark.to_m), covariance.rho_rho,
+                                    covariance.alpha_alpha, landmark.seen}));
+    }
+}
+
+}  // namespace noctule
