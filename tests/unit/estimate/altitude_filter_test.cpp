@@ -181,8 +181,7 @@ void tilted_range_is_not_a_height() {
     hand.roll_rad = 0.26F;  // 15 degrees
     const float c = std::cos(0.26F);
     const float down_m = (1.0F - 0.05F * c) / c;
-    const float up_m = (1.5F - 0.05F * c) / c;
-    for (int i = 0; i < 40; ++i) { hand.step(down_m, up_m); }
+    for (int i = 0; i < 40; ++i) { hand.step(down_m, kNothing); }  // alone: the errors of two would cancel
     TEST_ASSERT_FLOAT_WITHIN(0.01F, 1.0F, hand.filter.estimate().z_m);
     TEST_ASSERT_EQUAL_UINT32(0U, hand.filter.counters().refused_tilt);
     hand.roll_rad = 0.6F;
