@@ -20,7 +20,7 @@ from noctule.score import ExploredScore, StartPose
 from noctule.settings import FlightSettings, InputError, parameter_values, parameters_toml, run_folder
 
 GROUND_PORT = 14550          # where ground stations listen by custom
-GATE_WAIT_S = 3.0            # wall time that the simulator is held at a gate for a step or an answer
+START_S = 3.0                # autopilot time of the start: late enough for every process to be up
 BRIDGE_WAIT_S = 10.0         # wall time
 NOT_STARTED_S = 90.0         # simulated time after which a mission that has not armed is given up
 AFTER_LANDING_S = 5.0        # wall time that the simulator has to end by itself
@@ -191,8 +191,8 @@ class Flight:
         self.locks.append(lock)
         return lock.port
 
-    def _start_child(self, name: str, command: list, environment=None, talks: bool = False) -> Child:
-        child = Child(name, [str(c) for c in command], self.folder / "log" / f"{name}.txt", environment, talks)
+    def _start_child(self, name: str, command: list, environment=None) -> Child:
+        child = Child(name, [str(c) for c in command], self.folder / "log" / f"{name}.txt", environment)
         self.children.append(child)
         return child
 
@@ -280,11 +280,11 @@ class Flight:
             channels = "IMAGE|OBJECTS" if self.settings.log_images else "OBJECTS"
             self._start_child("lcm-logger-camera", [logger, f"--lcm-url={camera_url}", f"--channel={channels}", "-f",
                                                     self.folder / "camera.lcm"])
-        if not self._wait_for_bridge(station):
+        if not self._order_start(station):
             return None
         begin = time.monotonic()
         sim = self._start_child("noctule-sim", self._sim_command(autopilot_port, url, camera_url, camera),
-                                {"MUJOCO_GL": "egl", "PYTHONUNBUFFERED": "1"}, talks=True)
+                                {"MUJOCO_GL": "egl"})
         self._follow(station, follower, sim)
         return begin
 
@@ -304,7 +304,7 @@ class Flight:
         s = self.settings
         command = [sys.executable, "-m", "noctule_sim", self.folder / "world.yaml", "--seed", s.seed, "--profile",
                    s.profile, "--out", self.folder, "--autopilot-port", autopilot_port, "--lcm-url", url,
-                   "--camera-lcm-url", camera_url, "--max-time", f"{s.max_time_s:g}", "--autopilot-flavour", s.autopilot, "--gate"]
+                   "--camera-lcm-url", camera_url, "--max-time", f"{s.max_time_s:g}", "--autopilot-flavour", s.autopilot]
         command += [] if camera else ["--no-camera"]
         command += ["--realtime"] if s.realtime else []
         for fault in s.faults:
@@ -317,17 +317,23 @@ class Flight:
                 command += ["--param", f"{name}={value!r}"]
         return command
 
-    def _wait_for_bridge(self, station: GroundStation) -> bool:
-        """Waits for the bridge's heartbeat; False if that was interrupted, a process died, or it does not come."""
+    def _order_start(self, station: GroundStation) -> bool:
+        """Hands the start to the bridge before simulated time runs; False if that was interrupted or a process died.
+
+        The bridge holds it back until its time on the autopilot's clock, so that the start is the same in every run
+        (docs/decisions/0002-start-gate.md).
+        """
         deadline = time.monotonic() + BRIDGE_WAIT_S
-        while station.companion_system is None and time.monotonic() < deadline:
+        while not station.start_pending and time.monotonic() < deadline:
             if self.interrupted or self._report_dead():
                 return False
             select.select([station.socket], [], [], 0.05)
             station.receive()
-        if station.companion_system is None:
-            self.died = "noctule-bridge did not answer"
-            self.progress.say(f"noctule-bridge did not answer within {BRIDGE_WAIT_S:g} s, see log/noctule-bridge.txt")
+            station.tick()
+            station.start_mission(START_S)
+        if not station.start_pending:
+            self.died = "noctule-bridge did not take the start"
+            self.progress.say(f"{self.died} within {BRIDGE_WAIT_S:g} s, see log/noctule-bridge.txt")
             return False
         return True
 
@@ -346,31 +352,11 @@ class Flight:
                                   + f" (log/{child.log.name})")
         return dead
 
-    def _at_gate(self, gate_us: int, since: float, station: GroundStation, nav) -> str | None:
-        """What to tell the simulator that stands at a gate: 'wait', 'go', or None while that is not known.
-
-        The start is ordered while simulated time stands still, so that it is the same in every run.
-        """
-        if station.start_accepted:
-            return "go"
-        late = time.monotonic() - since > GATE_WAIT_S
-        if nav is None or nav.t_us < gate_us:
-            return "wait" if late else None
-        if not nav.ready:
-            return "wait"
-        station.start_mission()
-        return "wait" if late else None
-
     def _follow(self, station: GroundStation, follower: Follower, sim: Child) -> None:
         landed_since = None
         dead_since = None
-        gate_us, gate_since = None, 0.0
         while sim.running and not self.interrupted:
-            select.select([station.socket, follower] + ([sim.process.stdout] if sim.talks else []), [], [], 0.05)
-            for line in sim.lines():
-                if line.startswith("gate "):
-                    gate_us, gate_since = int(line.split()[1]), time.monotonic()
-                    station.new_start()
+            select.select([station.socket, follower], [], [], 0.05)
             station.receive()
             station.tick()
             follower.receive()
@@ -378,12 +364,6 @@ class Flight:
                 self.last_text = text
                 self.progress.say(f"{follower.time_s:7.1f} s  {text}")
             station.texts.clear()
-            nav = follower.nav
-            if gate_us is not None:
-                word = self._at_gate(gate_us, gate_since, station, nav)
-                if word is not None:
-                    sim.answer(word)
-                    gate_us = None
             self.progress.show(follower.line)
             now = time.monotonic()
             if self._report_dead():

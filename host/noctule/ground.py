@@ -110,21 +110,21 @@ class GroundStation:
             self._send(mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0,
                                                          mavlink.MAV_STATE_ACTIVE, 3))
 
-    def start_mission(self) -> None:
-        """Asks the companion to start, again and again until answered; call it often."""
+    def start_mission(self, earliest_s: float) -> None:
+        """Asks the companion to start, again and again until answered; call it often.
+
+        Args:
+            earliest_s: autopilot time before which the start is held back [s] (param3 of MAV_CMD_MISSION_START).
+        """
         if self.companion_system is None or time.monotonic() < self._next_start:
             return
         self._next_start = time.monotonic() + RETRY_S
         self._send(mavlink.MAVLink_command_long_message(
             self.companion_system, COMPANION_COMPONENT, mavlink.MAV_CMD_MISSION_START, min(self._attempts, 255),
-            0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+            0.0, 0.0, earliest_s, 0.0, 0.0, 0.0, 0.0))
         self._attempts += 1
 
-    def new_start(self) -> None:
-        """Forgets the last answer: the next start_mission() is a new order."""
-        self.start_result, self._attempts, self._next_start = None, 0, 0.0
-
     @property
-    def start_accepted(self) -> bool:
-        """The companion has started."""
-        return self.start_result == mavlink.MAV_RESULT_ACCEPTED
+    def start_pending(self) -> bool:
+        """The companion has the start and holds it back, or has started."""
+        return self.start_result in (mavlink.MAV_RESULT_IN_PROGRESS, mavlink.MAV_RESULT_ACCEPTED)

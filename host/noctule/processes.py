@@ -138,49 +138,22 @@ def _die_with_parent(parent: int):
 class Child:
     """One process of a flight in a session of its own, its output in a file."""
 
-    def __init__(self, name: str, command: list[str], log: Path, environment: dict[str, str] | None = None,
-                 talks: bool = False):
-        """talks: standard input and output are pipes (lines(), answer()); errors still go to the log."""
+    def __init__(self, name: str, command: list[str], log: Path, environment: dict[str, str] | None = None):
         self.name = name
         self.log = log
         self.told = False            # its end has been reported
         self._output = open(log, "wb")
         self.process = subprocess.Popen(
-            [str(c) for c in command], stdin=subprocess.PIPE if talks else subprocess.DEVNULL,
-            stdout=subprocess.PIPE if talks else self._output, stderr=self._output,
+            [str(c) for c in command], stdin=subprocess.DEVNULL, stdout=self._output, stderr=subprocess.STDOUT,
             start_new_session=True, preexec_fn=_die_with_parent(os.getpid()), env={**os.environ, **(environment or {})})
-        self._rest = b""
-        self.talks = talks           # until it closes its output
-        if talks:
-            os.set_blocking(self.process.stdout.fileno(), False)
 
     @property
     def running(self) -> bool:
         """Whether it still runs."""
         return self.process.poll() is None
 
-    def lines(self) -> list[str]:
-        """The whole lines that a talking child has written since the last call; they go to its log, too."""
-        data = self.process.stdout.read() if self.talks else None
-        if data == b"":
-            self.talks = False
-        data = data or b""
-        self._output.write(data)
-        *whole, self._rest = (self._rest + data).split(b"\n")
-        return [line.decode("utf-8", "replace").strip() for line in whole]
-
-    def answer(self, text: str) -> None:
-        """Writes a line to a talking child; one that has ended hears nothing."""
-        try:
-            self.process.stdin.write(text.encode() + b"\n")
-            self.process.stdin.flush()
-        except (OSError, ValueError):
-            pass
-
     def last_line(self) -> str:
         """The last line that it wrote, or ''."""
-        if not self._output.closed:
-            self._output.flush()
         try:
             lines = self.log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
         except OSError:
@@ -214,13 +187,7 @@ class Child:
             return False
 
     def close(self) -> None:
-        """Closes its pipes and its log file."""
-        for pipe in (self.process.stdin, self.process.stdout):
-            if pipe is not None:
-                try:
-                    pipe.close()
-                except OSError:
-                    pass
+        """Closes its log file."""
         self._output.close()
 
 

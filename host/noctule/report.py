@@ -118,7 +118,8 @@ def judge(settings: dict, sim: dict, states, reasons, landed: bool, sim_time_s: 
     if settings.get("died"):
         return "failed", f"{settings['died']}."
     if sim.get("outcome") == "crashed":
-        return "crashed", "; ".join(str(r) for r in sim.get("reasons") or ["The vehicle crashed"]).rstrip(".") + "."
+        text = "; ".join([str(sim.get("text") or "the vehicle crashed")] + [str(r) for r in sim.get("reasons") or []])
+        return "crashed", f"Crashed: {text.rstrip('.')}."
     why = settings.get("last_text") or "; ".join(str(r) for r in sim.get("reasons", []) or [])
     ended = f" Last word: {why.rstrip('.')}." if why else ""
     states, reasons = np.asarray(states), np.asarray(reasons)

@@ -88,26 +88,6 @@ def test_how_a_child_ended_is_said(tmp_path):
     child.close()
 
 
-def test_a_talking_child_is_heard_and_answered_line_by_line(tmp_path):
-    code = "print('gate 2000000', flush=True); word = input(); print('told', word, flush=True)"
-    child = Child("c", [sys.executable, "-c", code], tmp_path / "c.txt", talks=True)
-    heard = []
-    deadline = time.monotonic() + 20
-    while len(heard) < 2 and time.monotonic() < deadline:
-        heard += child.lines()
-        if heard == ["gate 2000000"]:
-            child.answer("go")
-            heard.append("")
-        time.sleep(0.01)
-    while "told go" not in heard and time.monotonic() < deadline:
-        heard += child.lines()
-        time.sleep(0.01)
-    assert "told go" in heard
-    child.wait(5.0)
-    child.close()
-    assert (tmp_path / "c.txt").read_text() == "gate 2000000\ntold go\n"
-
-
 def test_the_programs_are_looked_for_where_they_are_built(tmp_path, monkeypatch):
     monkeypatch.setenv("NOCTULE_BUILD", str(tmp_path))
     assert processes.find_program("noctule-nav") is None
@@ -127,7 +107,7 @@ def test_the_ground_station_starts_a_mission_and_joins_long_texts(tmp_path):
         def send(message):
             peer.sendto(message.pack(companion), ("127.0.0.1", lock.port))
 
-        station.start_mission()                                  # nobody known yet: nothing is sent
+        station.start_mission(3.0)                                  # nobody known yet: nothing is sent
         send(mavlink.MAVLink_heartbeat_message(18, 8, 0, 0, 4, 3))
         text = "landing: " + "x" * 60
         send(mavlink.MAVLink_statustext_message(4, text[:50].encode(), 7, 0))
@@ -136,15 +116,16 @@ def test_the_ground_station_starts_a_mission_and_joins_long_texts(tmp_path):
         while not station.texts and time.monotonic() < deadline:
             station.receive()
         assert station.texts == [(4, text)]
-        station.start_mission()
+        station.start_mission(3.0)
         (order,) = [m for m in mavlink.MAVLink(None).parse_buffer(peer.recv(1000))]
         assert (order.command, order.target_system, order.target_component) == (300, 1, 191)
         assert (order.get_srcSystem(), order.get_srcComponent()) == (255, 190)
-        assert not station.start_accepted
-        send(mavlink.MAVLink_command_ack_message(300, mavlink.MAV_RESULT_ACCEPTED))
-        while not station.start_accepted and time.monotonic() < deadline:
+        assert order.param3 == 3.0
+        assert not station.start_pending
+        send(mavlink.MAVLink_command_ack_message(300, mavlink.MAV_RESULT_IN_PROGRESS))
+        while not station.start_pending and time.monotonic() < deadline:
             station.receive()
-        assert station.start_accepted
+        assert station.start_pending
     station.close()
     lock.release()
     from pymavlink import mavutil
