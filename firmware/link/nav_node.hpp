@@ -7,11 +7,22 @@
 /// Frames Map and Body (docs/frames.md), SI units. No heap, no clock, not thread-safe. All storage is inside.
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
 
 #include "estimate/output_predictor.hpp"
-#include "lcmtypes.gen.hpp"
+#include "lcmtypes/noctule/attitude_t.hpp"
+#include "lcmtypes/noctule/command_t.hpp"
+#include "lcmtypes/noctule/grid_tile_t.hpp"
+#include "lcmtypes/noctule/imu_t.hpp"
+#include "lcmtypes/noctule/levels_t.hpp"
+#include "lcmtypes/noctule/nav_t.hpp"
+#include "lcmtypes/noctule/odom_t.hpp"
+#include "lcmtypes/noctule/range_t.hpp"
+#include "lcmtypes/noctule/scan_t.hpp"
+#include "lcmtypes/noctule/vehicle_t.hpp"
+#include "lcmtypes/noctule/walls_t.hpp"
 #include "navigator.hpp"
 #include "params.gen.hpp"
 #include "sense/samples.hpp"
@@ -38,7 +49,7 @@ public:
     /// Monotonic nanoseconds, for NAV.step_us only; null: step_us is 0.
     using Stopwatch = std::int64_t (*)();
 
-    NavNode(const Parameters& parameters, Publish publish, void* context, Stopwatch stopwatch);
+    NavNode(const Parameters& parameters, Publish sink, void* context, Stopwatch stopwatch);
 
     /// One message off the bus. Malformed, repeated or surplus ones change nothing and are counted.
     Input receive(const char* channel, const std::uint8_t* bytes, std::size_t size);
@@ -61,7 +72,10 @@ private:
     template <class Message>
     [[nodiscard]] bool decode(Message& message, const std::uint8_t* bytes, std::size_t size);
     template <class Message>
-    void publish(const char* channel, const Message& message);
+    void publish(const char* const channel, const Message& message) {
+        const int size = message.encode(encoded_.data(), 0, static_cast<int>(encoded_.size()));
+        if (size > 0) { publish_(context_, channel, encoded_.data(), static_cast<std::size_t>(size)); }
+    }
 
     Input receive_imu(const std::uint8_t* bytes, std::size_t size);
     Input receive_attitude(const std::uint8_t* bytes, std::size_t size);
@@ -72,6 +86,8 @@ private:
 
     void run(const Consumed& consumed);
     void publish_maps(const NavOutput& output);
+    void publish_walls(const NavOutput& output);
+    void publish_levels(const NavOutput& output);
     void publish_nav(const NavOutput& output, const Consumed& consumed, float step_us);
     void publish_odometry(std::int64_t t_us, bool at_scan);
 
@@ -87,7 +103,8 @@ private:
     bool scan_seen_ = false;
     std::int64_t newest_imu_us_ = 0;
     std::int64_t last_odometry_us_ = 0;
-    std::int64_t last_scan_us_ = 0;
+    std::int64_t last_walls_us_ = 0;
+    std::int64_t last_levels_us_ = 0;
     std::int32_t nav_seq_ = 0;
     std::int32_t odom_seq_ = 0;
     std::int32_t tile_seq_ = 0;
@@ -100,6 +117,7 @@ private:
     nav_t nav_message_{};
     grid_tile_t tile_message_{};
     walls_t walls_message_{};
+    Bounded<WallSegment, kMaxWalls> walls_;
     levels_t levels_message_{};
     std::array<std::uint8_t, 65536> encoded_{};
 };

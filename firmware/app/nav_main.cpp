@@ -1,0 +1,173 @@
+/// noctule-nav: the autonomy. One Navigator::step per scan; reads SCAN, IMU, ATTITUDE, RANGE_*, VEHICLE, COMMAND from
+/// the bus and publishes what the step returned. All storage is static; nothing is allocated after start-up.
+#include <algorithm>
+#include <array>
+#include <chrono>
+#include <cmath>
+#include <cstdint>
+#include <cstdio>
+#include <cstdlib>
+
+#include <CLI/CLI.hpp>
+#include <poll.h>
+#include <sys/resource.h>
+
+#include "app/parameter_file.hpp"
+#include "app/signals.hpp"
+#include "link/lcm_bus.hpp"
+#include "link/nav_node.hpp"
+#include "streams.gen.hpp"
+
+extern "C" std::int64_t noctule_heap_allocations() __attribute__((weak));  // from the preloaded counter
+
+namespace {
+
+using noctule::LcmBus;
+using noctule::NavNode;
+
+constexpr std::int64_t kNanosecondsPerMillisecond = 1000000;
+constexpr std::int64_t kScanHold_ms = 100;      // how long a scan waits for its inertial data
+constexpr std::int64_t kSilenceFirst_ms = 3000; // before a missing peer is named
+constexpr std::int64_t kSilenceAgain_ms = 10000;
+constexpr int kPoll_ms = 20;
+
+std::int64_t monotonic_ns() {
+    return std::chrono::duration_cast<std::chrono::nanoseconds>(std::chrono::steady_clock::now().time_since_epoch()).count();
+}
+
+/// Step times in bins of 10 us, so that percentiles need no list.
+class Histogram {
+public:
+    void add(const float us) {
+        const float bin = std::clamp(us / kBin_us, 0.0F, static_cast<float>(bins_.size() - 1));
+        ++bins_[static_cast<std::size_t>(bin)];
+        ++count_;
+        max_us_ = std::max(max_us_, us);
+    }
+    [[nodiscard]] float percentile_us(const double share) const {
+        const auto target = static_cast<std::uint64_t>(std::ceil(share * static_cast<double>(count_)));
+        std::uint64_t sum = 0;
+        for (std::size_t i = 0; i < bins_.size(); ++i) {
+            sum += bins_[i];
+            if (sum >= target && sum > 0) { return std::min(static_cast<float>(i + 1) * kBin_us, max_us_); }
+        }
+        return max_us_;
+    }
+    [[nodiscard]] float max_us() const { return max_us_; }
+    [[nodiscard]] std::uint64_t count() const { return count_; }
+
+private:
+    static constexpr float kBin_us = 10.0F;
+    std::array<std::uint64_t, 10001> bins_{};
+    std::uint64_t count_ = 0;
+    float max_us_ = 0.0F;
+};
+
+struct Process {
+    LcmBus bus;
+    Histogram step_times;
+    std::int64_t last_heard_ns = 0;
+    std::int64_t scan_since_ns = 0;
+};
+
+Process process;  // static: the whole memory of the process is known at link time
+noctule::Parameters parameters;
+
+void publish(void* context, const char* channel, const std::uint8_t* bytes, const std::size_t size) {
+    static_cast<Process*>(context)->bus.publish_raw(channel, bytes, size);
+}
+
+void write_stats(const char* path, const std::int64_t heap_at_start, const NavNode& node) {
+    std::FILE* file = std::fopen(path, "w");
+    if (file == nullptr) {
+        std::fprintf(stderr, "noctule-nav: cannot write %s\n", path);
+        return;
+    }
+    rusage usage{};
+    getrusage(RUSAGE_SELF, &usage);
+    std::fprintf(file, "{\"steps\": %llu, \"step_us\": {\"p50\": %.1f, \"p99\": %.1f, \"max\": %.1f}, \"navigator_bytes\": %zu, \"rss_kib\": %ld, ",
+                 static_cast<unsigned long long>(process.step_times.count()), static_cast<double>(process.step_times.percentile_us(0.5)),
+                 static_cast<double>(process.step_times.percentile_us(0.99)), static_cast<double>(process.step_times.max_us()),
+                 sizeof(noctule::Navigator), usage.ru_maxrss);
+    if (noctule_heap_allocations != nullptr) {
+        std::fprintf(file, "\"heap_allocations_after_start\": %lld, ", static_cast<long long>(heap_at_start));
+    } else {
+        std::fprintf(file, "\"heap_allocations_after_start\": null, ");
+    }
+    std::fprintf(file, "\"refused_messages\": %u, \"scans_replaced\": %u}\n", node.refused(), node.scans_replaced());
+    std::fclose(file);
+}
+
+/// Names the missing peer, at most every ten seconds.
+void complain_when_silent(const std::int64_t now_ns, std::int64_t& next_complaint_ns) {
+    if (now_ns < next_complaint_ns || now_ns - process.last_heard_ns < kSilenceFirst_ms * kNanosecondsPerMillisecond) { return; }
+    std::fprintf(stderr, "noctule-nav: no scan and no inertial data on the bus for %lld s: is the laser's driver (or simulator) and noctule-bridge running on the same --lcm-url?\n",
+                 static_cast<long long>((now_ns - process.last_heard_ns) / (1000 * kNanosecondsPerMillisecond)));
+    next_complaint_ns = now_ns + kSilenceAgain_ms * kNanosecondsPerMillisecond;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+    CLI::App options{"noctule-nav: localisation, mapping and exploration; one step per laser scan."};
+    std::string parameter_path;
+    std::string url = "udpm://239.255.76.67:7667?ttl=0&recv_buf_size=2097152";
+    std::string stats_path;
+    options.add_option("--parameters", parameter_path, "TOML file with `name = value` lines; defaults hold for what is not named");
+    options.add_option("--lcm-url", url, "LCM bus of the flight")->capture_default_str();
+    options.add_option("--stats", stats_path, "write step times and memory to this JSON file at the end");
+    CLI11_PARSE(options, argc, argv);
+
+    std::array<char, 512> error{};
+    if (!parameter_path.empty() && !noctule::load_parameters(parameter_path.c_str(), parameters, error.data(), error.size())) {
+        std::fprintf(stderr, "noctule-nav: %s\n", error.data());
+        return 2;
+    }
+    if (!process.bus.open(url.c_str())) {
+        std::fprintf(stderr, "noctule-nav: %s\n", process.bus.error());
+        return 2;
+    }
+    noctule::install_stop_signals();
+
+    static NavNode node(parameters, publish, &process, monotonic_ns);
+    auto on_message = [](const char* channel, const std::uint8_t* bytes, const std::size_t size) {
+        process.last_heard_ns = monotonic_ns();
+        const bool waited = node.scan_waiting();
+        static_cast<void>(node.receive(channel, bytes, size));
+        if (!waited && node.scan_waiting()) { process.scan_since_ns = process.last_heard_ns; }
+        if (node.step_due()) {
+            const std::int64_t start_ns = monotonic_ns();
+            node.step();
+            process.step_times.add(static_cast<float>(monotonic_ns() - start_ns) * 1e-3F);
+        }
+    };
+    for (const char* name : {noctule::kChannelScan, noctule::kChannelImu, noctule::kChannelAttitude, noctule::kChannelRangeUp, noctule::kChannelRangeDown, noctule::kChannelVehicle, noctule::kChannelCommand}) {
+        if (!process.bus.subscribe_raw(name, on_message)) {
+            std::fprintf(stderr, "noctule-nav: cannot subscribe to %s\n", name);
+            return 2;
+        }
+    }
+
+    process.last_heard_ns = monotonic_ns();
+    std::int64_t next_complaint_ns = 0;
+    // Start-up ends with the first step: until then the bus's own reader may still allocate.
+    std::int64_t heap_at_first_step = -1;
+    while (!noctule::stop_requested()) {
+        if (process.bus.handle(kPoll_ms) < 0) {
+            if (noctule::stop_requested()) { break; }
+            std::fprintf(stderr, "noctule-nav: the LCM bus failed\n");
+            return 1;
+        }
+        const std::int64_t now_ns = monotonic_ns();
+        if (node.scan_waiting() && now_ns - process.scan_since_ns > kScanHold_ms * kNanosecondsPerMillisecond) {
+            node.step();  // inertial data is late: go on with what there is
+        }
+        if (heap_at_first_step < 0 && process.step_times.count() > 0 && noctule_heap_allocations != nullptr) {
+            heap_at_first_step = noctule_heap_allocations();
+        }
+        complain_when_silent(now_ns, next_complaint_ns);
+    }
+    const std::int64_t heap_after_start = heap_at_first_step < 0 || noctule_heap_allocations == nullptr ? 0 : noctule_heap_allocations() - heap_at_first_step;
+    if (!stats_path.empty()) { write_stats(stats_path.c_str(), heap_after_start, node); }
+    return 0;
+}
