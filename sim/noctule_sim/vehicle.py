@@ -194,7 +194,7 @@ def model_xml(world: World, airframe: Airframe) -> str:
         darker = _numbers((0.62 * r, 0.62 * g, 0.62 * b))
         assets.append(f'<texture name="{_quoted(m.name)}" type="cube" {marks[m.texture]} rgb1="{_numbers((r, g, b))}" rgb2="{darker}" '
                       f'markrgb="{darker}" width="128" height="128"/>')
-        assets.append(f'<material name="{_quoted(m.name)}" texture="{_quoted(m.name)}" texuniform="true" rgba="1 1 1 {alpha:.9g}" specular="0.1" shininess="0.2"/>')
+        assets.append(f'<material name="{_quoted(m.name)}" texture="{_quoted(m.name)}" rgba="1 1 1 {alpha:.9g}" specular="0.1" shininess="0.2"/>')
     for i, p in enumerate(world.primitives()):
         size = p.half_extent_m if p.kind == "box" else (p.half_extent_m[0], p.half_extent_m[2])
         half = p.yaw_rad / 2
