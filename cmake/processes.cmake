@@ -13,16 +13,12 @@ add_library(noctule_app STATIC ${app_sources})
 target_link_libraries(noctule_app PUBLIC noctule_link PRIVATE noctule_options)
 
 foreach(process nav bridge)
-    if(NOT EXISTS ${CMAKE_SOURCE_DIR}/firmware/app/${process}_main.cpp)
-        message(STATUS "noctule: noctule-${process} is left out: its main is absent")
-        continue()
-    endif()
     add_executable(noctule-${process} firmware/app/${process}_main.cpp)
     target_link_libraries(noctule-${process} PRIVATE noctule_app noctule_options)
 endforeach()
 # The memory of the autonomy is fixed at link time: bss holds the Navigator (docs/memory.md).
 find_program(SIZE_TOOL size)
-if(SIZE_TOOL AND TARGET noctule-nav)
+if(SIZE_TOOL)
     add_custom_command(TARGET noctule-nav POST_BUILD COMMAND ${SIZE_TOOL} $<TARGET_FILE:noctule-nav> VERBATIM)
 endif()
 
@@ -34,7 +30,7 @@ endif()
 
 # ---- for Python: the same Navigator in-process; and the allocator count that is preloaded into noctule-nav.
 # Neither goes together with the address sanitizer.
-if(NOT NOCTULE_SANITIZE AND EXISTS ${CMAKE_SOURCE_DIR}/firmware/app/sim_abi.cpp)
+if(NOT NOCTULE_SANITIZE)
     add_library(noctule_sim_abi SHARED firmware/app/sim_abi.cpp)
     target_link_libraries(noctule_sim_abi PRIVATE noctule_link noctule_options)
     add_library(noctule_heap_count SHARED firmware/app/heap_count.cpp)
