@@ -216,23 +216,20 @@ const PlanarEstimate& Localiser::finish(const SensorFrame& frame, const Altitude
     estimate_.landmarks = filter_.best_landmarks();
     estimate_.effective_particles = result.effective_particles;
     estimate_.pose_map_body = result.pose;
-    for (std::size_t k = 0, i = 0; i < 3; ++i) {
-        for (std::size_t j = i; j < 3; ++j, ++k) { estimate_.covariance[k] = result.covariance(i, j); }
-    }
-    publish(predicted, informed);
+    publish(predicted, result, informed);
     if (parameters_.point_match != 0 && estimate_.quality >= 0) { points_.add(match_points_, result.pose); }
     return estimate_;
 }
 
-void Localiser::publish(const Pose2<Map, Body>& predicted, const bool informed) {
+void Localiser::publish(const Pose2<Map, Body>& predicted, const WallFilter::Result& result, const bool informed) {
     const Pose2<Map, Body>& pose = estimate_.pose_map_body;
-    auto& p = estimate_.covariance;
-    // The spread of the particles is what the path and the map leave open; the inertial filter adds what this scan leaves open.
+    // Doubt about the pose among the walls in view, and about those walls against the start: both are published, the first says lost.
+    Matrix<float, 3, 3> local = result.spread;
     if (!external_motion_) {
         const auto& x = inertial_.state();
         const auto& q = inertial_.covariance();
-        for (std::size_t k = 0, i = 0; i < 3; ++i) {
-            for (std::size_t j = i; j < 3; ++j, ++k) { p[k] += static_cast<float>(q(i, j)); }
+        for (std::size_t i = 0; i < 3; ++i) {
+            for (std::size_t j = 0; j < 3; ++j) { local(i, j) = static_cast<float>(q(i, j)); }
         }
         estimate_.vx_m_s = static_cast<float>(x(InertialFilter::kVx, 0));
         estimate_.vy_m_s = static_cast<float>(x(InertialFilter::kVy, 0));
@@ -250,16 +247,19 @@ void Localiser::publish(const Pose2<Map, Body>& predicted, const bool informed) 
         estimate_.yaw_rate_rad_s = static_cast<float>((motion_[1].yaw_rad - motion_[0].yaw_rad) / dt_s);
         estimate_.velocity_covariance = {0.01F, 0.0F, 0.01F};
     }
-    p[0] += parameters_.pose_floor_m * parameters_.pose_floor_m;
-    p[3] += parameters_.pose_floor_m * parameters_.pose_floor_m;
-    p[5] += parameters_.pose_floor_rad * parameters_.pose_floor_rad;
+    local(0, 0) += parameters_.pose_floor_m * parameters_.pose_floor_m;
+    local(1, 1) += parameters_.pose_floor_m * parameters_.pose_floor_m;
+    local(2, 2) += parameters_.pose_floor_rad * parameters_.pose_floor_rad;
+    for (std::size_t k = 0, i = 0; i < 3; ++i) {
+        for (std::size_t j = i; j < 3; ++j, ++k) { estimate_.covariance[k] = local(i, j) + result.map_drift(i, j); }
+    }
 
     const float jump_m = std::hypot(pose.x_m - predicted.x_m, pose.y_m - predicted.y_m);
     const float jump_rad = std::abs(wrap_angle(pose.yaw_rad - predicted.yaw_rad));
     if (jump_m > parameters_.reset_jump_m || jump_rad > parameters_.reset_jump_rad) { ++estimate_.reset_counter; }
 
-    const float worst_m = std::sqrt(std::max(0.0F, eigen_symmetric(p[0], p[1], p[3]).large));
-    const float worst_rad = std::sqrt(p[5]);
+    const float worst_m = std::sqrt(std::max(0.0F, eigen_symmetric(local(0, 0), local(0, 1), local(1, 1)).large));
+    const float worst_rad = std::sqrt(local(2, 2));
     const float share = std::max(worst_m / parameters_.lost_sigma_m, worst_rad / parameters_.lost_sigma_rad);
     const bool was_lost = estimate_.quality < 0;
     const bool blind_too_long = !informed && seconds(informed_us_, level_scan_.t_us) > 10.0 * static_cast<double>(parameters_.stale_scan_s);

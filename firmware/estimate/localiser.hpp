@@ -61,7 +61,7 @@ private:
     void push_node();
     const PlanarEstimate& finish(const SensorFrame& frame, const AltitudeEstimate& last_altitude, const MotionIncrement& motion);
     void collect_match_points();
-    void publish(const Pose2<Map, Body>& predicted, bool informed);
+    void publish(const Pose2<Map, Body>& predicted, const WallFilter::Result& result, bool informed);
 
     const Parameters& parameters_;
     SampleChecker checker_;

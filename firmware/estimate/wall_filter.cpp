@@ -18,6 +18,8 @@ constexpr float kOccluded_m = 0.15F;
 // A landmark is never better known than this, so that it can still follow what the filter learns.
 constexpr float kLandmarkFloor_m2 = 2.5e-7F;
 constexpr float kLandmarkFloor_rad2 = 4.0e-8F;
+// Walls that differ in direction by less than its root (1 degree) count as parallel.
+constexpr float kParallel_rad2 = 3.0e-4F;
 
 [[nodiscard]] Matrix<float, 3, 3> turned(const Matrix<float, 3, 3>& p, const float yaw_rad) {
     Matrix<float, 3, 3> turn = Matrix<float, 3, 3>::identity();
@@ -33,6 +35,13 @@ constexpr float kLandmarkFloor_rad2 = 4.0e-8F;
 /// H_x P H_x^T for a wall in direction beta (algorithms D).
 [[nodiscard]] LineCovariance seen_from(const Matrix<float, 3, 3>& p, const float c, const float s) {
     return {c * c * p(0, 0) + 2.0F * c * s * p(0, 1) + s * s * p(1, 1), c * p(0, 2) + s * p(1, 2), p(2, 2)};
+}
+
+/// What a landmark's doubtful direction adds across the wall, in rho^2: the product of two errors, direction and place along the wall
+/// (docs/maths/localisation.md, equation 7). Without it two nearly parallel walls seem to say where along them the vehicle is.
+[[nodiscard]] float slide_variance(const Matrix<float, 3, 3>& p, const float c, const float s) {
+    const float along_m2 = s * s * p(0, 0) - 2.0F * c * s * p(0, 1) + c * c * p(1, 1);
+    return kParallel_rad2 * along_m2;
 }
 
 /// Positive part of a symmetric matrix, position and yaw taken apart.
@@ -66,6 +75,7 @@ void WallFilter::start(const Pose2<Map, Body>& pose) {
     mean_ = pose;
     spread_ = Matrix<float, 3, 3>{};
     predicted_covariance_ = spread_;
+    map_drift_ = spread_;
     best_ = 0;
 }
 
@@ -110,7 +120,8 @@ std::int32_t WallFilter::associate(const Particle& particle, const Belief& belie
         if (along_m + half_from_m > landmark.to_m + gap_m || along_m + half_to_m < landmark.from_m - gap_m) { continue; }
         const LineMeasurement expected = landmark.predict(belief.pose);
         const float lever_m = landmark.along(belief.pose.x_m, belief.pose.y_m);
-        const LineCovariance total = seen_from(belief.p, landmark.cos_beta, landmark.sin_beta) + landmark.covariance.sheared(-lever_m) + gate_noise;
+        const LineCovariance total = seen_from(belief.p, landmark.cos_beta, landmark.sin_beta) + landmark.covariance.sheared(-lever_m) + gate_noise +
+                                     LineCovariance{slide_variance(predicted_covariance_, landmark.cos_beta, landmark.sin_beta), 0.0F, 0.0F};
         const float density = log_density(wall.rho_m - expected.rho_m, wrap_angle(wall.alpha_rad - expected.alpha_rad), total);
         if (density > best_density) {
             best_density = density;
@@ -128,7 +139,8 @@ float WallFilter::fuse(const Landmark& landmark, const WallObservation& wall, co
     const float c = landmark.cos_beta;
     const float s = landmark.sin_beta;
     // R = H_F F H_F^T + Q, S = H_x P H_x^T + R
-    LineCovariance noise = landmark.covariance.sheared(-landmark.along(belief.pose.x_m, belief.pose.y_m)) + wall.covariance;
+    LineCovariance noise = landmark.covariance.sheared(-landmark.along(belief.pose.x_m, belief.pose.y_m)) + wall.covariance +
+                           LineCovariance{slide_variance(predicted_covariance_, c, s), 0.0F, 0.0F};
     const LineCovariance prior = seen_from(belief.p, c, s);
     LineCovariance total = prior + noise;
     const float limit2 = parameters_.outlier_sigma * parameters_.outlier_sigma;
@@ -235,7 +247,7 @@ void WallFilter::learn(Landmark& landmark, const WallObservation& wall, const Po
     landmark.seen = std::min<std::int16_t>(32000, static_cast<std::int16_t>(landmark.seen + 1));
 }
 
-void WallFilter::insert(Particle& particle, const WallObservation& wall, const Pose2<Map, Body>& pose) {
+Landmark& WallFilter::insert(Particle& particle, const WallObservation& wall, const Pose2<Map, Body>& pose) {
     const std::int32_t most = std::clamp(parameters_.landmarks_max, 1, static_cast<std::int32_t>(kMaxLandmarks));
     std::int32_t at = particle.count;
     if (at >= most) {
@@ -251,6 +263,55 @@ void WallFilter::insert(Particle& particle, const WallObservation& wall, const P
     landmark = make_landmark(wall, pose);
     landmark.trust = kTrustStart;
     landmark.seen = 1;
+    return landmark;
+}
+
+Matrix<float, 3, 3> WallFilter::drift_of(const Particle& particle, const std::array<Assignment, kMaxWallsPerScan>& assigned,
+                                         const std::size_t walls) const {
+    // The errors of walls are common to them all, so they must not be averaged: in each of two directions the best tied wall counts.
+    const Landmark* first = nullptr;
+    float first_m2 = 0.0F;
+    float yaw_rad2 = -1.0F;
+    for (std::size_t j = 0; j < walls; ++j) {
+        if (assigned[j].landmark < 0) { continue; }
+        const Landmark& landmark = particle.landmarks[static_cast<std::size_t>(assigned[j].landmark)];
+        const float d_m2 = landmark.drift_from(landmark.along(particle.pose.x_m, particle.pose.y_m));
+        if (first == nullptr || d_m2 < first_m2) {
+            first = &landmark;
+            first_m2 = d_m2;
+        }
+        if (yaw_rad2 < 0.0F || landmark.drift_rad2 < yaw_rad2) { yaw_rad2 = landmark.drift_rad2; }
+    }
+    if (first == nullptr) { return map_drift_; }
+    const float c = first->cos_beta;
+    const float s = first->sin_beta;
+    // Along the first wall: the wall that says most about that direction, or what was believed before.
+    float second_m2 = s * s * map_drift_(0, 0) - 2.0F * c * s * map_drift_(0, 1) + c * c * map_drift_(1, 1);
+    float best_m2 = -1.0F;
+    for (std::size_t j = 0; j < walls; ++j) {
+        if (assigned[j].landmark < 0) { continue; }
+        const Landmark& landmark = particle.landmarks[static_cast<std::size_t>(assigned[j].landmark)];
+        const float across = -s * landmark.cos_beta + c * landmark.sin_beta;
+        if (across * across < 0.03F) { continue; }
+        const float d_m2 = landmark.drift_from(landmark.along(particle.pose.x_m, particle.pose.y_m)) / (across * across);
+        if (best_m2 < 0.0F || d_m2 < best_m2) { best_m2 = d_m2; }
+    }
+    if (best_m2 >= 0.0F) { second_m2 = best_m2; }
+    Matrix<float, 3, 3> drift;
+    drift(0, 0) = c * c * first_m2 + s * s * second_m2;
+    drift(0, 1) = c * s * (first_m2 - second_m2);
+    drift(1, 0) = drift(0, 1);
+    drift(1, 1) = s * s * first_m2 + c * c * second_m2;
+    drift(2, 2) = yaw_rad2;
+    return drift;
+}
+
+void WallFilter::tie(Landmark& landmark, const Pose2<Map, Body>& pose, const Matrix<float, 3, 3>& drift) const {
+    const float c = landmark.cos_beta;
+    const float s = landmark.sin_beta;
+    landmark.drift_m2 = c * c * drift(0, 0) + 2.0F * c * s * drift(0, 1) + s * s * drift(1, 1) + parameters_.wall_floor_m * parameters_.wall_floor_m;
+    landmark.drift_rad2 = drift(2, 2) + parameters_.wall_floor_rad * parameters_.wall_floor_rad;
+    landmark.tied_along_m = landmark.along(pose.x_m, pose.y_m);
 }
 
 void WallFilter::prepare_bearings(const LevelScan& scan) {
@@ -341,6 +402,11 @@ void WallFilter::update_particle(Particle& particle, const std::size_t index, co
     const Matrix<float, 3, 1> offset = root * draw;
     particle.pose = {belief.pose.x_m + offset(0, 0), belief.pose.y_m + offset(1, 0), wrap_angle(belief.pose.yaw_rad + offset(2, 0))};
 
+    // Pose against Map's start: how well the scan ties it to the walls, and how well those are tied.
+    drift_[index] = drift_of(particle, assigned, walls.size());
+    Matrix<float, 3, 3> absolute = drift_[index];
+    Matrix<float, 3, 3> gain;
+    if (invert(Matrix<float, 3, 3>::identity() + belief.lambda * predicted_covariance_, gain)) { absolute += predicted_covariance_ * gain; }
     for (std::size_t j = 0; j < walls.size(); ++j) {
         if (assigned[j].landmark >= 0) {
             learn(particle.landmarks[static_cast<std::size_t>(assigned[j].landmark)], walls[j], particle.pose, assigned[j].noise_scale);
@@ -348,7 +414,7 @@ void WallFilter::update_particle(Particle& particle, const std::size_t index, co
     }
     if (parameters_.visibility_through == 0 || (step_ + index) % kLookPeriod == 0) { look_for_landmarks(particle, associated); }
     for (std::size_t j = 0; j < walls.size(); ++j) {
-        if (assigned[j].landmark < 0) { insert(particle, walls[j], particle.pose); }
+        if (assigned[j].landmark < 0) { tie(insert(particle, walls[j], particle.pose), particle.pose, absolute); }
     }
 }
 
@@ -425,7 +491,9 @@ void WallFilter::summarise() {
     }
     spread_ = spread;
     result_.pose = mean_;
-    result_.covariance = spread;
+    result_.spread = spread;
+    map_drift_ = drift_[best_];
+    result_.map_drift = map_drift_;
     result_.laser = {lambda, b};
     result_.effective_particles = 1.0F / squares;
     result_.walls_matched = matched_[best_];

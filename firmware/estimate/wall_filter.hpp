@@ -1,7 +1,7 @@
 /// Particle filter over pose and wall landmarks (FastSLAM with a measurement-informed proposal, algorithms E).
 ///
 /// Each particle is one pose and up to kMaxLandmarks walls, independent given its path. Derivation, weights, and what the
-/// default does beyond the paper: docs/maths/localisation.md#filter. Frame Map. Not thread-safe, no heap, about 1.3 MB.
+/// default does beyond the paper: docs/maths/localisation.md#filter. Frame Map. Not thread-safe, no heap, about 1.5 MB.
 /// Cost: particles x observations x landmarks in reach, under a millisecond at 100 x 15 x 100 on a desktop core.
 #pragma once
 
@@ -41,10 +41,11 @@ public:
         std::uint32_t restarts = 0;  ///< weights that had become meaningless
     };
 
-    /// Mean and covariance of the particles, and what this scan alone said.
+    /// Mean and spread of the particles, what this scan alone said, and how far the map itself may be off.
     struct Result {
         Pose2<Map, Body> pose;
-        Matrix<float, 3, 3> covariance;
+        Matrix<float, 3, 3> spread;      ///< covariance of the particles
+        Matrix<float, 3, 3> map_drift;   ///< covariance of the map's frame here against the frame of the start
         LaserInformation laser;
         float effective_particles = 0.0F;
         std::int32_t walls_matched = 0;  ///< in the best particle
@@ -93,8 +94,11 @@ private:
     [[nodiscard]] std::int32_t associate(const Particle& particle, const Belief& belief, const WallObservation& wall) const;
     [[nodiscard]] float fuse(const Landmark& landmark, const WallObservation& wall, const Pose2<Map, Body>& predicted, Belief& belief, float& noise_scale) const;
     static void fuse_match(const PoseMatch& match, const Pose2<Map, Body>& predicted, Belief& belief);
+    /// How far the map's frame may be off where this particle is, from the walls it is tied to (docs/maths/localisation.md#drift).
+    [[nodiscard]] Matrix<float, 3, 3> drift_of(const Particle& particle, const std::array<Assignment, kMaxWallsPerScan>& assigned, std::size_t walls) const;
+    void tie(Landmark& landmark, const Pose2<Map, Body>& pose, const Matrix<float, 3, 3>& drift) const;
     void learn(Landmark& landmark, const WallObservation& wall, const Pose2<Map, Body>& pose, float noise_scale) const;
-    void insert(Particle& particle, const WallObservation& wall, const Pose2<Map, Body>& pose);
+    Landmark& insert(Particle& particle, const WallObservation& wall, const Pose2<Map, Body>& pose);
     void look_for_landmarks(Particle& particle, const std::array<bool, kMaxLandmarks>& associated);
     void prepare_bearings(const LevelScan& scan);
     void summarise();
@@ -110,6 +114,7 @@ private:
     Matrix<float, 3, 3> motion_covariance_;     ///< of the increment, frame Body
     Matrix<float, 3, 3> widening_;              ///< frame Map, see MotionIncrement::pose_covariance
     Matrix<float, 3, 3> predicted_covariance_;
+    Matrix<float, 3, 3> map_drift_;             ///< of the best particle after the last update
     std::array<float, kBearingBins> farthest_m_{};
     float range_max_m_ = 0.0F;
     Result result_;
@@ -118,6 +123,7 @@ private:
     std::array<std::int32_t, kMaxParticles> matched_{};
     std::array<Pose2<Map, Body>, kMaxParticles> predicted_{};
     std::array<Matrix<float, 3, 3>, kMaxParticles> lambda_{};
+    std::array<Matrix<float, 3, 3>, kMaxParticles> drift_{};
     std::array<Matrix<float, 3, 1>, kMaxParticles> b_{};
     Counters counters_;
 };

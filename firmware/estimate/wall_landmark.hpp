@@ -4,7 +4,7 @@
 /// the observer looks at the wall, and s, the signed distance of the line from an anchor on the wall itself:
 ///     n(beta) . (p - anchor) = s,   v = +1: alpha = beta, r = s + n . anchor;   v = -1: alpha = beta + pi, r = -(s + n . anchor).
 /// So a wall through the Map origin is no special case, and r and alpha do not become correlated far from the origin.
-/// Derivation: docs/maths/localisation.md#landmark. Frame Map. 60 bytes, no heap.
+/// Derivation: docs/maths/localisation.md#landmark. Frame Map. 72 bytes, no heap.
 #pragma once
 
 #include <cmath>
@@ -72,6 +72,10 @@ struct Landmark {
     LineCovariance covariance;  ///< of (s, beta)
     float from_m = 0.0F;      ///< ends along (-sin, cos)(beta) from the anchor, from_m < to_m
     float to_m = 0.0F;
+    // Doubt about the map's own frame where this wall was tied to it (docs/maths/localisation.md#drift).
+    float drift_m2 = 0.0F;      ///< across the wall, of the pose from which it was tied
+    float drift_rad2 = 0.0F;
+    float tied_along_m = 0.0F;  ///< coordinate along the wall of that pose
     std::int16_t trust = 0;   ///< visibility counter
     std::int16_t seen = 0;    ///< sweeps that matched it
 
@@ -82,6 +86,11 @@ struct Landmark {
     /// Distance of a point before the wall's observed face.
     [[nodiscard]] float before(const float x_m, const float y_m) const {
         return s_m - cos_beta * (x_m - anchor_x_m) - sin_beta * (y_m - anchor_y_m);
+    }
+    /// Variance, across the wall, of the map's frame as seen from a pose at this coordinate along the wall.
+    [[nodiscard]] float drift_from(const float along_m) const {
+        const float moved_m = along_m - tied_along_m;
+        return drift_m2 + moved_m * moved_m * drift_rad2;
     }
     [[nodiscard]] Point2<Map> at(const float along_m) const {
         return {anchor_x_m + s_m * cos_beta - along_m * sin_beta, anchor_y_m + s_m * sin_beta + along_m * cos_beta};
