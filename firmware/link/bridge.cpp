@@ -35,8 +35,7 @@ Bridge::Bridge(const Parameters& parameters, BridgeSink& sink)
 }
 
 void Bridge::from_autopilot(const std::span<const std::uint8_t> bytes) {
-    autopilot_reader_.push(bytes, [this](const MavlinkFrame& frame) { autopilot_frame(frame); });
-    autopilot_reader_.drop_partial();
+    autopilot_reader_.push_datagram(bytes, [this](const MavlinkFrame& frame) { autopilot_frame(frame); });
 }
 
 void Bridge::autopilot_frame(const MavlinkFrame& frame) {

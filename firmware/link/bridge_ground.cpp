@@ -16,8 +16,7 @@ constexpr std::uint16_t kAbortCommand = MAV_CMD_USER_1;
 }  // namespace
 
 void Bridge::from_ground(const std::span<const std::uint8_t> bytes) {
-    ground_reader_.push(bytes, [this](const MavlinkFrame& frame) { ground_frame(frame); });
-    ground_reader_.drop_partial();
+    ground_reader_.push_datagram(bytes, [this](const MavlinkFrame& frame) { ground_frame(frame); });
 }
 
 void Bridge::ground_frame(const MavlinkFrame& frame) {

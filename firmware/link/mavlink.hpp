@@ -32,7 +32,7 @@ struct MavlinkFrame {
     mavlink_message_t message{};              ///< payload zero-filled to its full length; valid when `known`
     bool known = false;                       ///< in the dialect and the checksum holds
     MavlinkTarget target;
-    std::span<const std::uint8_t> bytes;      ///< the frame as received; holds until the next push() of its reader
+    std::span<const std::uint8_t> bytes;      ///< the frame as received; holds until the handler returns
 };
 
 class MavlinkReader {
@@ -53,22 +53,37 @@ public:
             std::memcpy(buffer_.data() + used_, bytes.data(), taken);
             used_ += taken;
             bytes = bytes.subspan(taken);
-            std::size_t begin = 0;
-            while (next(begin)) { on_frame(static_cast<const MavlinkFrame&>(frame_)); begin += frame_.bytes.size(); }
-            std::memmove(buffer_.data(), buffer_.data() + begin, used_ - begin);
-            used_ -= begin;
+            scan(on_frame);
         }
     }
 
-    /// Drops a frame that is half in: on a datagram link a frame never spans two datagrams.
-    void drop_partial() {
-        counters_.skipped_bytes += used_;
-        used_ = 0;
+    /// The same for a datagram link, where a frame never spans two datagrams: what looks like a cut frame at the end is garbage,
+    /// and is searched for whole frames.
+    template <class OnFrame>
+    void push_datagram(const std::span<const std::uint8_t> bytes, OnFrame&& on_frame) {
+        push(bytes, on_frame);
+        while (used_ > 0) {
+            ++counters_.skipped_bytes;
+            std::memmove(buffer_.data(), buffer_.data() + 1, --used_);
+            scan(on_frame);
+        }
     }
 
     [[nodiscard]] const Counters& counters() const { return counters_; }
 
 private:
+    /// Hands out the whole frames in the buffer, keeps what follows them.
+    template <class OnFrame>
+    void scan(OnFrame& on_frame) {
+        std::size_t begin = 0;
+        while (next(begin)) {
+            on_frame(static_cast<const MavlinkFrame&>(frame_));
+            begin += frame_.bytes.size();
+        }
+        std::memmove(buffer_.data(), buffer_.data() + begin, used_ - begin);
+        used_ -= begin;
+    }
+
     /// Finds the next whole frame at or after begin, and moves begin to it. False: more bytes are needed.
     [[nodiscard]] bool next(std::size_t& begin);
     void fill(const std::uint8_t* bytes, std::size_t header, std::size_t length, std::size_t total);
