@@ -32,6 +32,8 @@ add_dependencies(noctule_generated noctule_generate)
 add_library(noctule_messages OBJECT ${generated_checks})
 target_include_directories(noctule_messages SYSTEM PUBLIC ${generated_dir})
 target_link_libraries(noctule_messages PUBLIC noctule_generated PkgConfig::LCM)
+# LCM's inline coders read and write floats through int32_t*: with strict aliasing gcc drops the stores (floats decode as zero).
+target_compile_options(noctule_messages PUBLIC -fno-strict-aliasing)
 set_target_properties(noctule_messages PROPERTIES POSITION_INDEPENDENT_CODE ON)
 
 # MAVLink 2 C headers of the common dialect, from the definitions inside the pinned pymavlink.
