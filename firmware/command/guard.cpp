@@ -114,7 +114,7 @@ bool Guard::keep_clear(const Estimate& estimate, const float dt_s) {
         const float ry = out_.y_m - hy;
         const float r = std::max(std::hypot(rx, ry), 1e-3F);
         const float towards = -(out_.vx_m_s * rx + out_.vy_m_s * ry) / r;
-        const float allowed = std::max(0.0F, (r - least_m) / kForesightS);
+        const float allowed = std::max(0.0F, (r - wanted_m) / kForesightS);
         if (towards > allowed) {
             out_.vx_m_s += (towards - allowed) * rx / r;
             out_.vy_m_s += (towards - allowed) * ry / r;

@@ -8,7 +8,7 @@ namespace noctule {
 
 namespace {
 
-constexpr std::int32_t kCostBudget = 5000;     ///< cells settled a step: about 0.6 ms
+constexpr std::int32_t kCostBudget = 8000;     ///< cells settled a step: about 1 ms
 constexpr std::int32_t kFieldBudget = 7000;
 constexpr std::int32_t kSweeps = 2;            ///< of the potential's window a step
 constexpr std::int32_t kRootRadius = 5;        ///< cells round start and goal where tight cells lead on
@@ -80,6 +80,7 @@ bool Explorer::resolved(const OccupancyGrid& grid) const {
 void Explorer::set_goal(const Frontier& frontier) {
     goal_.valid = true;
     goal_.to_place = false;
+    goal_.seen = false;
     goal_.frontier = frontier;
     goal_.x_m = frontier.view_x_m;
     goal_.y_m = frontier.view_y_m;
@@ -96,7 +97,7 @@ bool Explorer::take_next(const OccupancyGrid& grid, const std::int64_t t_us) {
     for (const Frontier& f : known_) {
         if (!FrontierSearch::is_frontier(grid, f.look) || !where_.passable(f.view)) { continue; }
         const float distance_m = std::hypot(f.x_m - f.view_x_m, f.y_m - f.view_y_m);
-        if (tried_.distance_allowed_m(f.x_m, f.y_m, t_us) < distance_m) { continue; }
+        if (tried_.distance_allowed_m(f.x_m, f.y_m, t_us) < distance_m - 1e-3F) { continue; }
         if (best == nullptr || value_of(f) < value_of(*best)) { best = &f; }
     }
     if (best == nullptr) { return false; }
@@ -116,13 +117,8 @@ void Explorer::choose(const OccupancyGrid& grid, const std::int64_t t_us) {
             same = &f;
         }
     }
-    if (best == nullptr) {
-        if (where_.blocks_waiting() == 0U && !goal_.valid) { ++empty_passes_; }
-    } else {
-        empty_passes_ = 0;
-    }
     if (goal_.valid) {
-        if (resolved(grid)) {
+        if (goal_.seen || resolved(grid)) {
             goal_.valid = false;
         } else if (same != nullptr) {
             // The same piece of the unknown, seen anew: take a better viewpoint only if that saves some way.
@@ -133,10 +129,12 @@ void Explorer::choose(const OccupancyGrid& grid, const std::int64_t t_us) {
             if (best != same && value_of(*best) + p_.goal_switch_m < value_of(*same)) {
                 ++counters_.switches;
                 set_goal(*best);
+                empty_passes_ = 0;
                 return;
             }
             if (saved_m > 0.3F && same->look != goal_.frontier.look) {
                 set_goal(*same);
+                empty_passes_ = 0;
                 return;
             }
             goal_.cost = now;
@@ -144,7 +142,11 @@ void Explorer::choose(const OccupancyGrid& grid, const std::int64_t t_us) {
             goal_.valid = false;   // no longer reachable
         }
     }
-    if (!goal_.valid) { static_cast<void>(take_next(grid, t_us)); }
+    if (goal_.valid || take_next(grid, t_us)) {
+        empty_passes_ = 0;
+    } else if (where_.blocks_waiting() == 0U) {
+        ++empty_passes_;
+    }
 }
 
 void Explorer::begin_costs(const OccupancyGrid& grid, const Pose2<Map, Body>& from) {
@@ -199,15 +201,18 @@ void Explorer::work(const OccupancyGrid& grid, const Pose2<Map, Body>& from, con
 
 void Explorer::explore(const OccupancyGrid& grid, const Pose2<Map, Body>& pose, const Pose2<Map, Body>& from, const std::int64_t t_us, Target& target) {
     if (goal_.valid && goal_.to_place) { goal_.valid = false; }
-    if (goal_.valid && resolved(grid)) {
-        goal_.valid = false;
-        if (!take_next(grid, t_us)) {
+    if (goal_.valid && !goal_.seen && resolved(grid)) {
+        // What was to be seen is seen. The way on is flown while the edge of the unknown is looked for anew: what the last pass
+        // found does not know what has just come into view, and choosing from it would send the vehicle away and back.
+        goal_.seen = true;
+        if (phase_ == Phase::frontiers) { search_.start(); }
+        if (phase_ == Phase::field) {
             phase_ = Phase::costs;
             phase_started_ = false;
         }
     }
     work(grid, from, t_us, true);
-    if (goal_.valid) {
+    if (goal_.valid && !goal_.seen) {
         const float bearing = std::atan2(goal_.frontier.y_m - pose.y_m, goal_.frontier.x_m - pose.x_m);
         const bool arrived = std::hypot(goal_.x_m - pose.x_m, goal_.y_m - pose.y_m) < kArrivedM && std::fabs(wrap_angle(bearing - pose.yaw_rad)) < kFacingRad;
         if (!arrived) {

@@ -40,6 +40,8 @@ public:
     [[nodiscard]] bool has_goal() const { return goal_.valid; }
     [[nodiscard]] float goal_x_m() const { return goal_.x_m; }
     [[nodiscard]] float goal_y_m() const { return goal_.y_m; }
+    [[nodiscard]] float look_x_m() const { return goal_.frontier.x_m; }   ///< what is to be seen from the goal
+    [[nodiscard]] float look_y_m() const { return goal_.frontier.y_m; }
     [[nodiscard]] const Traversability& where() const { return where_; }
     [[nodiscard]] const FrontierSearch& frontiers() const { return search_; }
 
@@ -55,6 +57,7 @@ private:
     enum class Phase : std::uint8_t { costs, frontiers, field };
     struct Goal {
         bool valid = false;
+        bool seen = false;        ///< nothing unknown is left there; flown on until the next choice
         bool to_place = false;    ///< a given place, not a look into the unknown
         Frontier frontier;
         float x_m = 0.0F;

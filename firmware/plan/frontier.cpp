@@ -12,6 +12,7 @@ constexpr float kSamePlaceM = 0.35F;      ///< tried places within this are one
 constexpr float kFirstTryShare = 0.6F;    ///< each try in vain brings the next viewpoint nearer by this
 constexpr std::int32_t kTriesPerRound = 3;
 constexpr float kDistanceCost = 0.25F;    ///< metres of way that a metre less of viewing distance is worth
+constexpr float kTightCost = 0.4F;        ///< metres of way that a viewpoint with room round it is worth, times its slowness over one
 
 /// Class of the cell at a point, remembering the tile: rays stay in one for long.
 class Reader {
@@ -126,7 +127,8 @@ bool FrontierSearch::view(const OccupancyGrid& grid, const Traversability& where
     Reader reader{grid};
     float best_score = best.view == kNoCell ? 1e9F
                                             : static_cast<float>(best.cost) / static_cast<float>(CostField::kUnit) * step_m +
-                                                  kDistanceCost * std::hypot(best.view_x_m - best.x_m, best.view_y_m - best.y_m);
+                                                  kDistanceCost * std::hypot(best.view_x_m - best.x_m, best.view_y_m - best.y_m) +
+                                                  kTightCost * (where.slowness(best.view) - 1.0F);
     bool found = false;
     for (std::int32_t k = 0; k < kRays; ++k) {
         const float angle = 2.0F * kPi * static_cast<float>(k) / static_cast<float>(kRays);
@@ -148,9 +150,11 @@ bool FrontierSearch::view(const OccupancyGrid& grid, const Traversability& where
             if (!where.passable(id)) { continue; }
             const std::uint32_t cost = from.cost(id);
             if (cost == CostField::kFar) { continue; }
-            const float score = static_cast<float>(cost) / static_cast<float>(CostField::kUnit) * step_m + kDistanceCost * r;
+            const float score = static_cast<float>(cost) / static_cast<float>(CostField::kUnit) * step_m + kDistanceCost * r +
+                                kTightCost * (where.slowness(id) - 1.0F);
             if (score >= best_score) { continue; }
             const Cell v = grid.cell(id);
+            if (std::hypot(g.centre_x_m(v) - x_m, g.centre_y_m(v) - y_m) > distance_m) { continue; }
             if (std::hypot(g.centre_x_m(v) - home_x_m, g.centre_y_m(v) - home_y_m) > p_.fence_radius_m - 0.5F) { continue; }
             best_score = score;
             best.look = look;

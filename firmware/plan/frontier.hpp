@@ -61,8 +61,8 @@ public:
     [[nodiscard]] static bool is_frontier(const OccupancyGrid& grid, CellId id);
 
 private:
-    static constexpr std::int32_t kTilesPerSlice = 6;
-    static constexpr std::int32_t kGroupsPerSlice = 6;
+    static constexpr std::int32_t kTilesPerSlice = 10;
+    static constexpr std::int32_t kGroupsPerSlice = 10;
     static constexpr std::int32_t kGroupRadius = 7;   ///< cells from the first one of a group; wider edges are several groups
     static constexpr std::size_t kGroupCells = 256;
     void scan_tile(const OccupancyGrid& grid, std::int32_t slot);
