@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 namespace noctule {
 
@@ -44,20 +45,35 @@ constexpr float kParallel_rad2 = 3.0e-4F;
     return kParallel_rad2 * along_m2;
 }
 
-/// Positive part of a symmetric matrix, position and yaw taken apart.
-[[nodiscard]] Matrix<float, 3, 3> positive_part(const Matrix<float, 3, 3>& a) {
+/// Positive part of a symmetric matrix, position and yaw taken apart, no variance of position above most_m2.
+[[nodiscard]] Matrix<float, 3, 3> positive_part(const Matrix<float, 3, 3>& a, const float most_m2) {
     Matrix<float, 3, 3> out;
     const Eigen2<float> eigen = eigen_symmetric(a(0, 0), a(0, 1), a(1, 1));
     const float c = std::cos(eigen.direction_rad);
     const float s = std::sin(eigen.direction_rad);
-    const float large = std::max(0.0F, eigen.large);
-    const float small = std::max(0.0F, eigen.small);
+    const float large = std::clamp(eigen.large, 0.0F, most_m2);
+    const float small = std::clamp(eigen.small, 0.0F, most_m2);
     out(0, 0) = large * c * c + small * s * s;
     out(0, 1) = (large - small) * c * s;
     out(1, 0) = out(0, 1);
     out(1, 1) = large * s * s + small * c * c;
     out(2, 2) = std::max(0.0F, a(2, 2));
     return out;
+}
+
+/// Removes the direction in which only the doubtful directions of parallel walls seem to say something (as slide_variance).
+/// True if there was one; it is then in direction_rad.
+[[nodiscard]] bool drop_phantom_direction(Matrix<double, 3, 3>& lambda, Matrix<double, 3, 1>& b, double& direction_rad) {
+    const Eigen2<double> eigen = eigen_symmetric(lambda(0, 0), lambda(0, 1), lambda(1, 1));
+    if (eigen.small > static_cast<double>(kParallel_rad2) * eigen.large || !(eigen.large > 0.0)) { return false; }
+    direction_rad = eigen.direction_rad + 0.5 * static_cast<double>(kPi);
+    const double c = std::cos(eigen.direction_rad);
+    const double s = std::sin(eigen.direction_rad);
+    Matrix<double, 3, 3> keep;
+    keep.values = {c * c, c * s, 0.0, c * s, s * s, 0.0, 0.0, 0.0, 1.0};
+    lambda = keep * lambda * keep;
+    b = keep * b;
+    return true;
 }
 
 }  // namespace
@@ -93,8 +109,11 @@ void WallFilter::predict(const MotionIncrement& motion) {
     mean_ = mean_ * step;
     // What the source of motion knows to be uncertain and the particles do not yet show (docs/maths/localisation.md, equation 9).
     const Matrix<float, 3, 3> shown = spread_ + turned(motion_covariance_, mean_.yaw_rad);
-    widening_ = positive_part(motion.pose_covariance - shown);
-    predicted_covariance_ = shown + widening_;
+    const float unlimited = std::numeric_limits<float>::infinity();
+    predicted_covariance_ = shown + positive_part(motion.pose_covariance - shown, unlimited);
+    // A cloud wider than what counts as lost would not be searched by a hundred particles, only scattered: it grows no further.
+    const float room_m2 = parameters_.lost_sigma_m * parameters_.lost_sigma_m - eigen_symmetric(shown(0, 0), shown(0, 1), shown(1, 1)).large;
+    widening_ = positive_part(motion.pose_covariance - shown, std::max(0.0F, room_m2));
 }
 
 std::int32_t WallFilter::associate(const Particle& particle, const Belief& belief, const WallObservation& wall) const {
@@ -488,6 +507,19 @@ void WallFilter::summarise() {
         const double share = static_cast<double>(widest.large) / (static_cast<double>(widest.large) + shown);
         const double moved = share * (c * (px - static_cast<double>(predicted_mean.x_m)) + s * (py - static_cast<double>(predicted_mean.y_m)));
         for (std::size_t k = 0; k < 3; ++k) { b(k, 0) += (lambda(k, 0) * c + lambda(k, 1) * s) * moved; }
+    }
+    double blind_rad = 0.0;
+    if (drop_phantom_direction(lambda, b, blind_rad)) {
+        // Choosing among particles must not move them where the scan says nothing: there the prediction stands.
+        const float c = static_cast<float>(std::cos(blind_rad));
+        const float s = static_cast<float>(std::sin(blind_rad));
+        const float back_m = c * (predicted_mean.x_m - mean_.x_m) + s * (predicted_mean.y_m - mean_.y_m);
+        for (std::size_t i = 0; i < n; ++i) {
+            particles_[i].pose.x_m += back_m * c;
+            particles_[i].pose.y_m += back_m * s;
+        }
+        mean_.x_m += back_m * c;
+        mean_.y_m += back_m * s;
     }
     spread_ = spread;
     result_.pose = mean_;
