@@ -181,6 +181,16 @@ def test_late_odometry_is_compared_with_the_past():
     assert fed(80_000, delayed_stamp=False)[0] > 0.06   # what a filter without a memory would do
 
 
+def test_a_stamp_between_two_samples_is_met_between_them():
+    e = Estimator()
+    for k in range(1, 3000):
+        e.predict(4000 * k, 0.004, 0, 0, GRAVITY_M_S2, 0, 0, 0, False)
+        if k % 5 == 0:
+            stamp = 4000 * k - 1000          # the sample before is 3 ms older: 15 mm at 5 m/s
+            e.odometry(stamp, 5.0 * stamp * 1e-6, 0, 1, 5.0, 0, 0, 0, 90, 0)
+    assert e.x == pytest.approx(5.0 * e.t_us * 1e-6, abs=1e-3)
+
+
 def test_the_gyros_bias_is_found():
     assert fed(30_000, gyro_bias=math.radians(0.3))[2] < math.radians(0.6)
 
