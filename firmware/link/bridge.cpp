@@ -16,8 +16,6 @@ constexpr std::int64_t kSubstituteAfter_us = kSecond_us;      // the better mess
 constexpr std::int64_t kRestartJump_us = 5 * kSecond_us;      // the autopilot's clock went back this far: it restarted
 constexpr std::int64_t kLocalYawFresh_us = 200000;
 
-std::int64_t boot_us(const std::uint32_t time_boot_ms) { return static_cast<std::int64_t>(time_boot_ms) * 1000; }
-
 }  // namespace
 
 Bridge::Bridge(const Parameters& parameters, BridgeSink& sink)
@@ -154,7 +152,12 @@ void Bridge::take(const mavlink_message_t& message) {
         case MAVLINK_MSG_ID_BATTERY_STATUS:
             if (mavlink_msg_battery_status_get_id(&message) == 0) { take_battery(mavlink_msg_battery_status_get_battery_remaining(&message)); }
             return;
-        case MAVLINK_MSG_ID_SYSTEM_TIME: advance(boot_us(mavlink_msg_system_time_get_time_boot_ms(&message))); return;
+        case MAVLINK_MSG_ID_SYSTEM_TIME: {
+            mavlink_system_time_t in;
+            mavlink_msg_system_time_decode(&message, &in);
+            advance(static_cast<std::int64_t>(in.time_boot_ms) * 1000);
+            return;
+        }
         case MAVLINK_MSG_ID_COMMAND_ACK: take_ack(message); return;
         case MAVLINK_MSG_ID_TIMESYNC: take_timesync(message); return;
         default: return;

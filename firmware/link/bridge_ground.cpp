@@ -161,13 +161,16 @@ void Bridge::take_parameter_request(const mavlink_message_t& message) {
         return;
     }
     std::array<char, 17> id{};
-    std::size_t row = kParameterTable.size();
+    std::size_t row = kParameterTable.size();  // none
     if (message.msgid == MAVLINK_MSG_ID_PARAM_REQUEST_READ) {
-        const std::int16_t index = mavlink_msg_param_request_read_get_param_index(&message);
-        mavlink_msg_param_request_read_get_param_id(&message, id.data());
-        if (index >= 0) { row = static_cast<std::size_t>(index); }
+        mavlink_param_request_read_t in;
+        mavlink_msg_param_request_read_decode(&message, &in);
+        std::memcpy(id.data(), in.param_id, sizeof in.param_id);
+        if (in.param_index >= 0) { row = static_cast<std::size_t>(in.param_index); }
     } else {
-        mavlink_msg_param_set_get_param_id(&message, id.data());
+        mavlink_param_set_t in;
+        mavlink_msg_param_set_decode(&message, &in);
+        std::memcpy(id.data(), in.param_id, sizeof in.param_id);
         text(MAV_SEVERITY_WARNING, "parameters are set at start-up only");
     }
     for (std::size_t i = 0; row == kParameterTable.size() && i < kParameterTable.size(); ++i) {

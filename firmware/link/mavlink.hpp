@@ -19,6 +19,7 @@
 
 namespace noctule {
 
+// The generated `..._get_...` functions read words where they lie, and they lie anywhere in the packed message: use `..._decode`.
 inline constexpr std::size_t kMaxMavlinkFrame = MAVLINK_MAX_PACKET_LEN;  ///< bytes of the longest frame, signature included
 
 /// Where a message of this frame wants to go. 0: everybody.

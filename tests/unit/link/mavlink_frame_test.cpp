@@ -22,10 +22,19 @@ Bytes heartbeat(MavlinkWriter& writer, const std::uint32_t custom_mode) {
     return {bytes.begin(), bytes.end()};
 }
 
+bool is_heartbeat(const MavlinkFrame& f, std::uint32_t& custom_mode) {
+    if (!f.known || f.message.msgid != MAVLINK_MSG_ID_HEARTBEAT) { return false; }
+    mavlink_heartbeat_t m{};
+    mavlink_msg_heartbeat_decode(&f.message, &m);
+    custom_mode = m.custom_mode;
+    return true;
+}
+
 std::vector<std::uint32_t> modes_in(MavlinkReader& reader, const std::span<const std::uint8_t> bytes) {
     std::vector<std::uint32_t> modes;
     reader.push(bytes, [&](const MavlinkFrame& f) {
-        if (f.known && f.message.msgid == MAVLINK_MSG_ID_HEARTBEAT) { modes.push_back(mavlink_msg_heartbeat_get_custom_mode(&f.message)); }
+        std::uint32_t mode = 0;
+        if (is_heartbeat(f, mode)) { modes.push_back(mode); }
     });
     return modes;
 }
@@ -60,7 +69,8 @@ static void a_start_byte_inside_garbage_costs_no_good_frame() {
         datagram.insert(datagram.end(), frame.begin(), frame.end());
         datagram.insert(datagram.end(), frame.begin(), frame.end());
         reader.push_datagram(datagram, [&](const MavlinkFrame& f) {
-            if (f.known && mavlink_msg_heartbeat_get_custom_mode(&f.message) == i) { ++seen; }
+            std::uint32_t mode = 0;
+            if (is_heartbeat(f, mode) && mode == i) { ++seen; }
         });
     }
     // Garbage that looks like a whole frame of a message we do not know, and ends where a frame starts, is believed. Rare.
