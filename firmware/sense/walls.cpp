@@ -21,6 +21,10 @@ constexpr std::int32_t kRansacTrials = 60;
 constexpr std::int32_t kRansacPairSpan = 60;   // the second point of a pair is at most so many hits away
 constexpr std::int32_t kBridgedBeams = 6;      // beams that may be missing inside one cluster
 constexpr float kJumpIncidence_rad = 0.12F;    // flattest incidence at which neighbours still count as one surface
+constexpr float kRoundOff = 100.0F;            // wall_curvature_sigma that switches the search for round walls off
+constexpr float kRoundTurnMin_rad = 0.03F;
+constexpr float kRoundTurnMax_rad = 0.6F;      // 34 degrees; bay windows turn by 45
+constexpr float kRoundTouch_m = 0.4F;
 constexpr double kMergeChi2 = 14.0;            // chi-square of two degrees of freedom, one in a thousand
 constexpr double kRoughness = 2.0;             // mean squared residual over variance
 
@@ -103,7 +107,13 @@ void WallExtractor::split_and_merge(const LevelScan& scan) {
         }
     }
     merge();
-    for (const Piece piece : pieces_) {
+    mark_round_runs();
+    for (std::size_t k = 0; k < pieces_.size(); ++k) {
+        const Piece piece = pieces_[k];
+        if (round_[k]) {
+            if (piece.last - piece.first + 1 >= parameters_.wall_points_min) { ++counters_.round_refused; }
+            continue;
+        }
         member_count_ = 0;
         for (std::int32_t i = piece.first; i <= piece.last; ++i) {
             member_[static_cast<std::size_t>(member_count_++)] = static_cast<std::int16_t>(i);
@@ -175,6 +185,43 @@ void WallExtractor::merge() {
         }
     }
     while (pieces_.size() > kept + 1) { pieces_.remove_unordered(pieces_.size() - 1); }
+}
+
+void WallExtractor::mark_round_runs() {
+    // A curve falls into pieces that each turn a little the same way: no corner of a room does (docs/maths/walls.md#round).
+    round_.fill(false);
+    if (parameters_.wall_curvature_sigma >= kRoundOff) { return; }
+    float turn_before = 0.0F;
+    for (std::size_t k = 0; k + 1 < pieces_.size(); ++k) {
+        const Piece a = pieces_[k];
+        const Piece b = pieces_[k + 1];
+        const auto end = static_cast<std::size_t>(a.last);
+        const auto start = static_cast<std::size_t>(b.first);
+        float turn = 0.0F;
+        if (b.first - a.last <= parameters_.wall_points_min && std::hypot(x_m_[start] - x_m_[end], y_m_[start] - y_m_[end]) < kRoundTouch_m) {
+            const auto middle_a = static_cast<std::size_t>((a.first + a.last) / 2);
+            const auto middle_b = static_cast<std::size_t>((b.first + b.last) / 2);
+            const Line line_a = line_through(a);
+            const Line line_b = line_through(b);
+            // Tangents in the order of the beams.
+            double ax = -line_a.normal_y;
+            double ay = line_a.normal_x;
+            double bx = -line_b.normal_y;
+            double by = line_b.normal_x;
+            const double step_x = static_cast<double>(x_m_[middle_b] - x_m_[middle_a]);
+            const double step_y = static_cast<double>(y_m_[middle_b] - y_m_[middle_a]);
+            if (ax * step_x + ay * step_y < 0.0) { ax = -ax, ay = -ay; }
+            if (bx * step_x + by * step_y < 0.0) { bx = -bx, by = -by; }
+            turn = static_cast<float>(std::atan2(ax * by - ay * bx, ax * bx + ay * by));
+        }
+        const bool gentle = std::abs(turn) > kRoundTurnMin_rad && std::abs(turn) < kRoundTurnMax_rad;
+        if (gentle && turn * turn_before > 0.0F) {
+            round_[k - 1] = true;
+            round_[k] = true;
+            round_[k + 1] = true;
+        }
+        turn_before = gentle ? turn : 0.0F;
+    }
 }
 
 void WallExtractor::fit_and_add(const LevelScan& scan) {

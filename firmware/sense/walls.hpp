@@ -67,6 +67,7 @@ private:
     void split_and_merge(const LevelScan& scan);
     void split(Piece cluster);
     void merge();
+    void mark_round_runs();
     void ransac(const LevelScan& scan);
     [[nodiscard]] Line line_through(Piece piece) const;
     /// Weighted fit of the members listed in member_; adds a wall if it passes every test.
@@ -82,6 +83,7 @@ private:
     std::array<std::array<double, 5>, kMaxBeams + 1> sums_{};  ///< running sums of x, y, xx, xy, yy
     Bounded<Piece, kMaxBeams> pieces_;
     Bounded<Piece, kMaxBeams> open_;
+    std::array<bool, kMaxBeams> round_{};            ///< the piece belongs to a run that bends
     std::int32_t member_count_ = 0;
     std::array<std::int16_t, kMaxBeams> member_{};   ///< indices into hits_ of the piece being fitted
     std::array<bool, kMaxBeams> taken_{};            ///< RANSAC: the hit belongs to a wall found before
