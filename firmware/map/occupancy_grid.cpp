@@ -10,7 +10,9 @@ namespace {
 
 constexpr float kUnitsPerNat = 16.0F;          ///< grid_tile_t's unit
 constexpr float kOffsetUnits = 256.0F;         ///< hit offsets per cell edge
-constexpr float kPassesByCells = 0.45F;        ///< a beam farther than this from a cell's mean hit does not contradict it
+constexpr float kPassesByCells = 0.25F;        ///< a beam farther than this from a cell's mean hit does not contradict it
+constexpr float kGrazesCells = 3.0F;           ///< nor does one that ends within this behind it: it grazes the same wall
+constexpr std::int32_t kGapBeams = 3;          ///< beams missing between two neighbours of a sweep
 constexpr std::int64_t kRepublishUs = 2000000; ///< scans between publications of a tile whose classes stand still
 constexpr std::int32_t kGeometryStep = 20;     ///< move of a mean hit (1/256 cell) that makes clearances stale
 
@@ -154,7 +156,7 @@ void OccupancyGrid::hit(const CellId id, const float x_cells, const float y_cell
 }
 
 // Section G, "free": the cells that a beam crosses before its end. Origin in cells, direction of unit length.
-void OccupancyGrid::miss(const CellId id, const float origin_x, const float origin_y, const float dir_x, const float dir_y) {
+void OccupancyGrid::miss(const CellId id, const float origin_x, const float origin_y, const float dir_x, const float dir_y, const float end) {
     GridTile& t = tiles_[static_cast<std::size_t>(id >> 12)];
     const auto k = static_cast<std::size_t>(id & 4095);
     const std::int8_t l = t.log_odds[k];
@@ -168,7 +170,7 @@ void OccupancyGrid::miss(const CellId id, const float origin_x, const float orig
         const Cell c = cell(id);
         const float hx = static_cast<float>(c.ix) + 0.5F + static_cast<float>(t.hit_x[k]) / kOffsetUnits - origin_x;
         const float hy = static_cast<float>(c.iy) + 0.5F + static_cast<float>(t.hit_y[k]) / kOffsetUnits - origin_y;
-        if (std::fabs(hx * dir_y - hy * dir_x) > kPassesByCells) { return; }
+        if (std::fabs(hx * dir_y - hy * dir_x) > kPassesByCells || hx * dir_x + hy * dir_y > end - kGrazesCells) { return; }
     }
     t.stamp[k] = stamp_;
     t.log_odds[k] = static_cast<std::int8_t>(std::max(l - add_miss_, log_min_));
@@ -202,7 +204,7 @@ void OccupancyGrid::cast(const float ox, const float oy, const float ex, const f
         } else if (along < clear_to) {
             const CellId id = find_or_lay(c);
             if (id != kNoCell && tiles_[static_cast<std::size_t>(id >> 12)].stamp[static_cast<std::size_t>(id & 4095)] != stamp_) {
-                miss(id, ox, oy, dx, dy);
+                miss(id, ox, oy, dx, dy, clear_to);
             }
         }
         if (next_x < next_y) {
@@ -232,45 +234,82 @@ void OccupancyGrid::integrate(const Estimate& estimate, const LevelScan& scan) {
     const float s = std::sin(pose.yaw_rad);
     const float range_max = geometry_.to_cells(p_.grid_range_max_m);
     const float half = 0.5F * geometry_.to_cells(p_.obstacle_thickness_m);
+    const auto origin = [&](const ScanPoint& p) {
+        return Point2<Map>{geometry_.to_cells(pose.x_m + c * p.origin_x_m - s * p.origin_y_m),
+                           geometry_.to_cells(pose.y_m + s * p.origin_x_m + c * p.origin_y_m)};
+    };
+    const auto end = [&](const ScanPoint& p) {
+        return Point2<Map>{geometry_.to_cells(pose.x_m + c * p.x_m - s * p.y_m), geometry_.to_cells(pose.y_m + s * p.x_m + c * p.y_m)};
+    };
     // Hits first: a cell in which any beam of the sweep ended is not cleared by its neighbours in the same sweep.
-    for (int pass = 0; pass < 2; ++pass) {
-        for (const ScanPoint& p : scan.points) {
-            if (!p.hit && !(p_.no_return_fraction > 0.0F)) { continue; }
-            const float ox = geometry_.to_cells(pose.x_m + c * p.origin_x_m - s * p.origin_y_m);
-            const float oy = geometry_.to_cells(pose.y_m + s * p.origin_x_m + c * p.origin_y_m);
-            float ex = geometry_.to_cells(pose.x_m + c * p.x_m - s * p.y_m);
-            float ey = geometry_.to_cells(pose.y_m + s * p.x_m + c * p.y_m);
-            if (!(std::isfinite(ox + oy + ex + ey))) { continue; }
-            float length = std::hypot(ex - ox, ey - oy);
-            bool ends_here = p.hit;
-            float clear_to = length - std::max(half, 0.5F);
-            if (!p.hit) {
-                length *= p_.no_return_fraction;
-                clear_to = length;
-            }
-            if (length > range_max) {
-                ends_here = false;
-                clear_to = range_max;
-            }
-            if (pass == 0) {
-                ++counters_.beams_used;
-                if (!ends_here) { continue; }
-                if (half > 0.5F) {
-                    const float stretch = (length + half) / length;
-                    cast(ox, oy, ox + (ex - ox) * stretch, oy + (ey - oy) * stretch, 0.0F, length - half, length + half, true);
-                } else {
-                    const CellId id = find_or_lay({static_cast<std::int32_t>(std::floor(ex)), static_cast<std::int32_t>(std::floor(ey))});
-                    if (id != kNoCell) { hit(id, ex, ey); }
-                }
-            } else {
-                const float cut = std::min(1.0F, (clear_to + 1.0F) / std::max(length, 1e-3F)) * (p.hit ? 1.0F : p_.no_return_fraction);
-                ex = ox + (ex - ox) * cut;
-                ey = oy + (ey - oy) * cut;
-                cast(ox, oy, ex, ey, clear_to, 0.0F, 0.0F, false);
-            }
+    for (const ScanPoint& p : scan.points) {
+        if (!p.hit) { continue; }
+        const Point2<Map> o = origin(p);
+        const Point2<Map> e = end(p);
+        const float length = std::hypot(e.x_m - o.x_m, e.y_m - o.y_m);
+        if (!(length <= range_max)) { continue; }  // too far, or not a number
+        ++counters_.beams_used;
+        if (half > 0.5F) {
+            const float stretch = (length + half) / std::max(length, 1e-3F);
+            cast(o.x_m, o.y_m, o.x_m + (e.x_m - o.x_m) * stretch, o.y_m + (e.y_m - o.y_m) * stretch, 0.0F, length - half, length + half, true);
+        } else {
+            const CellId id = find_or_lay({static_cast<std::int32_t>(std::floor(e.x_m)), static_cast<std::int32_t>(std::floor(e.y_m))});
+            if (id != kNoCell) { hit(id, e.x_m, e.y_m); }
         }
     }
+    for (std::size_t k = 0; k < scan.points.size(); ++k) {
+        const ScanPoint& p = scan.points[k];
+        const Point2<Map> o = origin(p);
+        const Point2<Map> e = end(p);
+        const float length = std::hypot(e.x_m - o.x_m, e.y_m - o.y_m);
+        if (!std::isfinite(length) || length < 1e-3F) { continue; }
+        float clear_to = std::min(length - std::max(half, 0.5F), range_max);
+        if (!p.hit) {
+            clear_to = std::min(open_range_m(scan, k), p_.grid_range_max_m);
+            clear_to = geometry_.to_cells(clear_to);
+        }
+        if (!(clear_to > 0.0F)) { continue; }
+        const float cut = std::min(1.0F, (clear_to + 1.0F) / length);
+        cast(o.x_m, o.y_m, o.x_m + (e.x_m - o.x_m) * cut, o.y_m + (e.y_m - o.y_m) * cut, clear_to, 0.0F, 0.0F, false);
+    }
     cached_slot_ = -1;
+}
+
+// How far a beam without return may clear: 0 unless the returns on both sides of the gap come from near the greatest range, as
+// those of a hall or corridor that goes on do; then up to the chord between them, so that a flat pane between two frames stays
+// unknown. docs/maths/grid.md, "no return".
+float OccupancyGrid::open_range_m(const LevelScan& scan, const std::size_t k) {
+    const auto& points = scan.points;
+    if (!(p_.no_return_open > 0.0F)) { return scan.range_max_m; }
+    if (!(p_.no_return_open <= 1.0F)) { return 0.0F; }
+    if (gap_stamp_ != scans_ || k < gap_from_ || k >= gap_to_) {
+        gap_stamp_ = scans_;
+        gap_from_ = k;
+        while (gap_from_ > 0U && !points[gap_from_ - 1U].hit) { --gap_from_; }
+        gap_to_ = k + 1U;
+        while (gap_to_ < points.size() && !points[gap_to_].hit) { ++gap_to_; }
+        gap_open_ = false;
+        if (gap_from_ > 0U && gap_to_ < points.size()) {
+            const ScanPoint& a = points[gap_from_ - 1U];
+            const ScanPoint& b = points[gap_to_];
+            gap_open_ = std::min(a.range_m, b.range_m) >= p_.no_return_open * scan.range_max_m &&
+                        points[gap_from_].beam - a.beam <= kGapBeams && b.beam - points[gap_to_ - 1U].beam <= kGapBeams;
+        }
+    }
+    if (!gap_open_) { return 0.0F; }
+    const ScanPoint& a = points[gap_from_ - 1U];
+    const ScanPoint& b = points[gap_to_];
+    const ScanPoint& p = points[k];
+    // Where the beam crosses the line from a to b, all seen from the place of the vehicle.
+    const float ux = p.x_m - p.origin_x_m;
+    const float uy = p.y_m - p.origin_y_m;
+    const float length = std::hypot(ux, uy);
+    const float ex = b.x_m - a.x_m;
+    const float ey = b.y_m - a.y_m;
+    const float det = ux * ey - uy * ex;
+    if (std::fabs(det) < 1e-6F) { return 0.0F; }
+    const float along = ((a.x_m - p.origin_x_m) * ey - (a.y_m - p.origin_y_m) * ex) / det;
+    return std::clamp(along, 0.0F, 1.0F) * length;
 }
 
 void OccupancyGrid::hit_point(const CellId id, float& x_m, float& y_m) const {

@@ -98,7 +98,8 @@ private:
     [[nodiscard]] CellId find_or_lay(Cell cell);
     void load_parameters();
     void hit(CellId id, float x_cells, float y_cells);
-    void miss(CellId id, float origin_x, float origin_y, float dir_x, float dir_y);
+    void miss(CellId id, float origin_x, float origin_y, float dir_x, float dir_y, float end);
+    [[nodiscard]] float open_range_m(const LevelScan& scan, std::size_t k);
     void touch(CellId id, CellClass before);
     void cast(float ox, float oy, float ex, float ey, float clear_to, float mark_from, float mark_to, bool marking);
 
@@ -110,6 +111,10 @@ private:
     std::int32_t cached_x_ = 0;       ///< tile found last while casting
     std::int32_t cached_y_ = 0;
     std::int32_t cached_slot_ = -1;
+    std::size_t gap_from_ = 0;        ///< run of beams without return looked at last
+    std::size_t gap_to_ = 0;
+    bool gap_open_ = false;
+    std::uint32_t gap_stamp_ = 0;
     std::int32_t publish_next_ = 0;
     std::int32_t known_cells_ = 0;
     std::uint32_t scans_ = 0;

@@ -11,7 +11,7 @@ constexpr std::int32_t kRays = 72;
 constexpr float kSamePlaceM = 0.35F;      ///< tried places within this are one
 constexpr float kFirstTryShare = 0.6F;    ///< each try in vain brings the next viewpoint nearer by this
 constexpr std::int32_t kTriesPerRound = 3;
-constexpr float kDistanceCost = 0.25F;    ///< metres of way that a metre less of viewing distance is worth
+constexpr float kDistanceCost = 0.6F;    ///< metres of way that a metre less of viewing distance is worth
 constexpr float kTightCost = 0.4F;        ///< metres of way that a viewpoint with room round it is worth, times its slowness over one
 
 /// Class of the cell at a point, remembering the tile: rays stay in one for long.
