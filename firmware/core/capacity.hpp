@@ -42,4 +42,10 @@ inline constexpr std::size_t kMaxPointCells = 8192;      ///< cells of the point
 inline constexpr std::size_t kMaxPredictorSamples = 128; ///< inertial samples since the last scan; the oldest give way
 inline constexpr std::size_t kMaxMatchPoints = 240;      ///< points of one sweep matched with the point map; thinned out beyond
 
+// Recognition.
+inline constexpr std::size_t kMaxSurfPixels = 786432;    ///< pixels of an image for SURF (1024 x 768); a larger one is refused
+inline constexpr std::size_t kMaxSurfSide = 1280;        ///< width and height; a longer one is refused
+inline constexpr std::size_t kMaxSurfFeatures = 2048;    ///< features of one image; the strongest stay
+inline constexpr std::size_t kMaxRegions = 32;           ///< regions of one frame, as in objects_t; the largest stay
+
 }  // namespace noctule
