@@ -385,7 +385,7 @@ class Flight:
                 landed_since = None
         if not sim.running and sim.process.returncode == 2:
             raise InputError(sim.last_line() or "the simulator refused its input")
-        if not sim.running and sim.process.returncode not in (0, 1) and not self.interrupted:
+        if not sim.running and sim.process.returncode != 0 and not self.interrupted:
             line = sim.last_line()
             self.died = f"noctule-sim ended with {sim.how_it_ended()}" + (f": {line}" if line else "")
             self.progress.say(f"{self.died} (log/{sim.log.name})")
