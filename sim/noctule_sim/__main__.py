@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import os
 import signal
 import sys
 from pathlib import Path
@@ -79,6 +80,8 @@ def parse_parameters(texts) -> dict[str, float]:
 
 def main(arguments=None) -> int:
     """Runs one simulation. 0: it ended by itself; 2: bad input; 130: interrupted."""
+    # With this set, MuJoCo loads EGL at import and cannot be imported at all where there is none; the camera asks for EGL itself.
+    os.environ.pop("MUJOCO_GL", None)
     options = _parser().parse_args(arguments)
     from .camera import CameraUnavailable
     from .run import Runner
