@@ -14,7 +14,8 @@ constexpr float kPassesByCells = 0.25F;        ///< a beam farther than this fro
 constexpr float kGrazesCells = 3.0F;           ///< nor does one that ends within this behind it: it grazes the same wall
 constexpr std::int32_t kGapBeams = 3;          ///< beams missing between two neighbours of a sweep
 constexpr std::int64_t kRepublishUs = 2000000; ///< scans between publications of a tile whose classes stand still
-constexpr std::int32_t kGeometryStep = 20;     ///< move of a mean hit (1/256 cell) that makes clearances stale
+constexpr std::uint32_t kRefreshScans = 128;   ///< a power of two
+constexpr std::int32_t kGeometryStep = 10;     ///< move of a mean hit (1/256 cell) that makes clearances stale
 
 std::size_t hash_of(const std::int32_t tile_x, const std::int32_t tile_y) {
     const std::uint32_t h = static_cast<std::uint32_t>(tile_x) * 0x9E3779B1U ^ static_cast<std::uint32_t>(tile_y) * 0x85EBCA77U;
@@ -147,7 +148,10 @@ void OccupancyGrid::hit(const CellId id, const float x_cells, const float y_cell
     const bool moved = std::abs(new_x - t.hit_x[k]) > kGeometryStep || std::abs(new_y - t.hit_y[k]) > kGeometryStep;
     t.hit_x[k] = static_cast<std::int8_t>(std::clamp(new_x, -127, 127));
     t.hit_y[k] = static_cast<std::int8_t>(std::clamp(new_y, -127, 127));
-    if (moved) { ++t.version[block_of(id)]; }
+    // Large moves make the clearances round the block stale at once; slow drift is taken up every kRefreshScans, blocks in turn.
+    const std::size_t block = block_of(id);
+    const bool turn = (scans_ & (kRefreshScans - 1U)) == ((static_cast<std::uint32_t>(block) * 37U + static_cast<std::uint32_t>(id >> 12)) & (kRefreshScans - 1U));
+    if (moved || turn) { ++t.version[block]; }
     if (t.stamp[k] == stamp_) { return; }  // the evidence of a sweep counts once; its points all count for the mean
     t.stamp[k] = stamp_;
     const CellClass before = class_of(t.log_odds[k]);

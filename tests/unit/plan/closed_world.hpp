@@ -93,6 +93,30 @@ private:
     std::vector<Segment> segments_;
 };
 
+/// A sweep of 1080 beams over 270 degrees from a place in the world.
+inline void sweep(const FlatWorld& world, const double x, const double y, const double yaw, const double range_max_m,
+                  const double range_noise_m, std::mt19937& rng, LevelScan& scan) {
+    constexpr int kBeams = 1080;
+    std::normal_distribution<double> range_noise(0.0, std::max(range_noise_m, 1e-12));
+    const auto near = world.within(x, y, range_max_m);
+    scan.range_max_m = static_cast<float>(range_max_m);
+    scan.bearing_increment_rad = static_cast<float>(1.5 * 3.14159265358979 / (kBeams - 1));
+    scan.points.clear();
+    for (int k = 0; k < kBeams; ++k) {
+        const double bearing = -0.75 * 3.14159265358979 + k * static_cast<double>(scan.bearing_increment_rad);
+        const double r = world.cast(x, y, yaw + bearing, range_max_m, near);
+        const bool hit = r < range_max_m;
+        const double measured = hit ? r + range_noise(rng) : range_max_m;
+        ScanPoint q;
+        q.x_m = static_cast<float>(measured * std::cos(bearing));
+        q.y_m = static_cast<float>(measured * std::sin(bearing));
+        q.range_m = static_cast<float>(measured);
+        q.beam = static_cast<std::int16_t>(k);
+        q.hit = hit;
+        static_cast<void>(scan.points.push(q));
+    }
+}
+
 /// Grid, mission, reference and guard around a vehicle that follows setpoints with a lag.
 class ClosedLoop {
 public:
@@ -145,27 +169,9 @@ private:
         return 1e6 * static_cast<double>(now.tv_sec) + 1e-3 * static_cast<double>(now.tv_nsec);
     }
     void scan() {
-        std::normal_distribution<double> range_noise(0.0, range_noise_m);
         std::normal_distribution<double> pose_noise(0.0, std::max(pose_noise_m, 1e-12));
-        const auto near = world_.within(x, y, range_max_m);
+        sweep(world_, x, y, yaw, range_max_m, range_noise_m, rng_, scan_);
         scan_.t_us = t_us_;
-        scan_.range_max_m = static_cast<float>(range_max_m);
-        constexpr int kBeams = 1080;
-        scan_.bearing_increment_rad = static_cast<float>(1.5 * 3.14159265358979 / (kBeams - 1));
-        scan_.points.clear();
-        for (int k = 0; k < kBeams; ++k) {
-            const double bearing = -0.75 * 3.14159265358979 + k * static_cast<double>(scan_.bearing_increment_rad);
-            const double r = world_.cast(x, y, yaw + bearing, range_max_m, near);
-            const bool hit = r < range_max_m;
-            const double measured = hit ? r + range_noise(rng_) : range_max_m;
-            ScanPoint q;
-            q.x_m = static_cast<float>(measured * std::cos(bearing));
-            q.y_m = static_cast<float>(measured * std::sin(bearing));
-            q.range_m = static_cast<float>(measured);
-            q.beam = static_cast<std::int16_t>(k);
-            q.hit = hit;
-            static_cast<void>(scan_.points.push(q));
-        }
         estimate_.t_us = t_us_;
         estimate_.planar.pose_map_body = {static_cast<float>(x + pose_noise(rng_)), static_cast<float>(y + pose_noise(rng_)), wrap_angle(static_cast<float>(yaw))};
         estimate_.planar.vx_m_s = static_cast<float>(vx);

@@ -1,0 +1,204 @@
+// Statements about clearances, costs and the potential that hold on every map. Independent routes: brute force over hit points,
+// relaxation to a fixed point (Bellman and Ford), the definition of a harmonic function.
+#include <cmath>
+#include <limits>
+#include <memory>
+#include <random>
+
+#include "plan/cost_field.hpp"
+#include "plan/potential.hpp"
+#include "plan/traversability.hpp"
+#include "unit/plan/closed_world.hpp"
+#include "unity.h"
+
+extern "C" void setUp(void) {}
+extern "C" void tearDown(void) {}
+
+using namespace noctule;
+
+namespace {
+
+constexpr float kInfinity = std::numeric_limits<float>::infinity();
+
+/// Two rooms with a door of 0.90 m and a corner, turned by 17 degrees, seen from a few places.
+struct Scene {
+    Parameters p;
+    test::FlatWorld world;
+    OccupancyGrid grid{p};
+    Traversability where{p};
+    OpenCells open;
+    CostField field;
+    Potential potential{p};
+
+    explicit Scene(const double door_m = 0.90) {
+        world.add_wall(-2.0, -2.0, 6.0, -2.0);
+        world.add_wall(-2.0, 3.0, 6.0, 3.0);
+        world.add_wall(-2.0, -2.0, -2.0, 3.0);
+        world.add_wall(6.0, -2.0, 6.0, 3.0);
+        world.add_wall(2.0, -2.0, 2.0, 0.4);
+        world.add_wall(2.0, 0.4 + door_m, 2.0, 3.0);
+        world.add_pillar(4.0, 0.2, 0.3);
+        world.turn(0.297);
+        std::mt19937 rng(3);
+        LevelScan scan;
+        for (const auto& [x, y] : {std::pair{0.0, 0.0}, {1.0, 1.0}, {3.0, 1.9}, {3.5, 2.8}, {4.7, 2.2}, {4.6, 0.3}, {3.0, -0.2}}) {
+            for (const double yaw : {0.0, 3.1}) {
+                test::sweep(world, x, y, yaw, 10.0, 0.01, rng, scan);
+                Estimate e;
+                e.planar.pose_map_body = {static_cast<float>(x), static_cast<float>(y), static_cast<float>(yaw)};
+                e.planar.quality = 100;
+                e.altitude.valid = true;
+                e.altitude.z_m = 1.0F;
+                grid.integrate(e, scan);
+                grid.integrate(e, scan);
+                where.update(grid, static_cast<float>(x), static_cast<float>(y));
+            }
+        }
+        settle();
+    }
+    void settle() {
+        for (int k = 0; k < 200; ++k) { where.update(grid, 0.0F, 0.0F); }
+        TEST_ASSERT_EQUAL(0U, where.blocks_waiting());
+    }
+    void solve(const float x_m, const float y_m) {
+        field.start(grid, grid.find(x_m, y_m), 5, open);
+        while (!field.run(grid, where, open, 1000, kNoCell, 0)) {}
+        potential.restart();
+    }
+    template <class F> void each_passable(F&& f) {
+        for (std::int32_t id = 0; id < grid.tile_count() * kTileArea; ++id) {
+            if (where.passable(id)) { f(id); }
+        }
+    }
+};
+
+void clearances_updated_block_by_block_equal_brute_force() {
+    const auto s = std::make_unique<Scene>();
+    int checked = 0;
+    s->each_passable([&](const CellId id) {
+        if ((id % 7) != 0) { return; }
+        const Cell c = s->grid.cell(id);
+        const float truth_m = s->grid.clearance_m(s->grid.geometry().centre_x_m(c), s->grid.geometry().centre_y_m(c), 0.80F);
+        // Rounded down to 1 cm; means of hits may have moved by less than a step that makes them stale.
+        TEST_ASSERT_FLOAT_WITHIN(0.03F, truth_m, 0.01F * static_cast<float>(s->where.clearance_cm(id)));
+        ++checked;
+    });
+    TEST_ASSERT_TRUE(checked > 100);
+}
+
+void costs_equal_those_of_relaxation_to_a_fixed_point() {
+    const auto s = std::make_unique<Scene>();
+    s->solve(0.0F, 0.0F);
+    // Bellman and Ford: no edge between passable cells can lower a cost any more, and each cost is met by some edge.
+    int reached = 0;
+    s->each_passable([&](const CellId id) {
+        const std::uint32_t mine = s->field.cost(id);
+        std::uint32_t best = CostField::kFar;
+        for (std::int32_t d = 0; d < 8; ++d) {
+            const CellId n = s->grid.neighbour(id, d);
+            if (!s->where.passable(n) || s->field.cost(n) == CostField::kFar) { continue; }
+            const float length = (d & 1) != 0 ? 90.50967F : 64.0F;
+            best = std::min(best, s->field.cost(n) + static_cast<std::uint32_t>(length * s->where.slowness(id)));
+        }
+        if (id == s->field.root()) {
+            TEST_ASSERT_EQUAL_UINT32(0U, mine);
+        } else {
+            TEST_ASSERT_EQUAL_UINT32(best, mine);
+            reached += best != CostField::kFar ? 1 : 0;
+        }
+    });
+    TEST_ASSERT_TRUE(reached > 1500);
+}
+
+void every_reachable_cell_has_a_way_up_after_any_number_of_sweeps() {
+    const auto s = std::make_unique<Scene>();
+    s->solve(4.9F, 2.4F);
+    for (int sweeps = 0; sweeps < 40; ++sweeps) {
+        int cells = 0;
+        s->each_passable([&](const CellId id) {
+            const float v = s->potential.value(s->grid, s->field, id);
+            if (v == kInfinity || id == s->field.root()) { return; }
+            float best = kInfinity;
+            for (std::int32_t d = 0; d < 8; ++d) { best = std::min(best, s->potential.value(s->grid, s->field, s->grid.neighbour(id, d))); }
+            TEST_ASSERT_TRUE_MESSAGE(best < v, "a cell without a way up");
+            ++cells;
+        });
+        TEST_ASSERT_TRUE(cells > 1500);
+        s->potential.relax(s->grid, s->where, s->field, 1.0F, 1.0F, 1);
+    }
+}
+
+void relaxed_values_are_the_weighted_mean_of_their_neighbours() {
+    const auto s = std::make_unique<Scene>();
+    s->solve(4.9F, 2.4F);
+    s->potential.relax(s->grid, s->where, s->field, 1.0F, 1.0F, 600);
+    TEST_ASSERT_TRUE(s->potential.residual() < 1e-3F);
+    const Cell centre = s->grid.geometry().cell(1.0F, 1.0F);
+    // The weights are recomputed here from their two defining statements: they sum to one, and ln(diagonal) = sqrt(2) ln(straight).
+    double low = 0.1;
+    double high = 0.25;
+    for (int k = 0; k < 60; ++k) {
+        const double w = 0.5 * (low + high);
+        (4.0 * w + 4.0 * std::pow(w, std::sqrt(2.0)) > 1.0 ? high : low) = w;
+    }
+    int checked = 0;
+    for (std::int32_t dy = -15; dy <= 15; ++dy) {
+        for (std::int32_t dx = -15; dx <= 15; ++dx) {
+            const CellId id = s->grid.find(Cell{centre.ix + dx, centre.iy + dy});
+            const float v = s->potential.value(s->grid, s->field, id);
+            if (!s->where.passable(id) || v == kInfinity) { continue; }
+            double mean = 0.0;
+            for (std::int32_t d = 0; d < 8; ++d) {
+                const CellId n = s->grid.neighbour(id, d);
+                if (!s->where.passable(n)) { continue; }
+                const double weight = std::pow(std::pow(low, (d & 1) != 0 ? std::sqrt(2.0) : 1.0), static_cast<double>(s->where.slowness(id)));
+                mean += weight * std::exp(static_cast<double>(v - s->potential.value(s->grid, s->field, n)));
+            }
+            TEST_ASSERT_DOUBLE_WITHIN(0.01, 1.0, mean);   // phi(c) = sum of w phi(n), divided by phi(c)
+            ++checked;
+        }
+    }
+    TEST_ASSERT_TRUE(checked > 200);
+}
+
+void the_path_ends_at_the_goal_and_stays_clear() {
+    for (const double door_m : {0.90, 0.80}) {
+        const auto s = std::make_unique<Scene>(door_m);
+        s->solve(4.9F, 2.4F);
+        const auto path = std::make_unique<Bounded<PathPoint, kMaxPathPoints>>();
+        float x_m = 0.0F;
+        float y_m = 0.0F;
+        double least = 1e9;
+        bool there = false;
+        for (int leg = 0; leg < 40 && !there; ++leg) {
+            s->potential.relax(s->grid, s->where, s->field, x_m, y_m, 20);
+            TEST_ASSERT_TRUE(s->potential.trace(s->grid, s->where, s->field, x_m, y_m, 4.9F, 2.4F, *path));
+            for (const PathPoint& q : *path) { least = std::min(least, s->world.clearance(static_cast<double>(q.x_m), static_cast<double>(q.y_m))); }
+            const std::size_t next = std::min<std::size_t>(5U, path->size() - 1U);
+            x_m = (*path)[next].x_m;
+            y_m = (*path)[next].y_m;
+            there = std::hypot(x_m - 4.9F, y_m - 2.4F) < 0.02F;
+        }
+        TEST_ASSERT_TRUE(there);
+        TEST_ASSERT_TRUE_MESSAGE(least > (door_m > 0.85 ? 0.36 : 0.33), "the path passes too near");
+    }
+}
+
+void cells_behind_a_gap_that_is_too_narrow_are_not_reached() {
+    const auto s = std::make_unique<Scene>(0.60);
+    s->solve(0.0F, 0.0F);
+    TEST_ASSERT_EQUAL_UINT32(CostField::kFar, s->field.cost(s->grid.find(4.9F, 2.4F)));
+}
+
+}  // namespace
+
+int main() {
+    UNITY_BEGIN();
+    RUN_TEST(clearances_updated_block_by_block_equal_brute_force);
+    RUN_TEST(costs_equal_those_of_relaxation_to_a_fixed_point);
+    RUN_TEST(every_reachable_cell_has_a_way_up_after_any_number_of_sweeps);
+    RUN_TEST(relaxed_values_are_the_weighted_mean_of_their_neighbours);
+    RUN_TEST(the_path_ends_at_the_goal_and_stays_clear);
+    RUN_TEST(cells_behind_a_gap_that_is_too_narrow_are_not_reached);
+    return UNITY_END();
+}

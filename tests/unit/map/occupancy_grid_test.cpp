@@ -1,0 +1,302 @@
+// The occupancy grid: what a sweep does to cells, what it does not, and what happens at the edges of its memory.
+#include <cmath>
+#include <cstring>
+#include <memory>
+#include <set>
+#include <utility>
+
+#include "map/occupancy_grid.hpp"
+#include "unity.h"
+
+extern "C" void setUp(void) {}
+extern "C" void tearDown(void) {}
+
+using noctule::Cell;
+using noctule::CellClass;
+using noctule::CellId;
+using noctule::Estimate;
+using noctule::GridTile;
+using noctule::kMaxTiles;
+using noctule::LevelScan;
+using noctule::OccupancyGrid;
+using noctule::Parameters;
+using noctule::ScanPoint;
+
+namespace {
+
+Estimate at(const float x_m, const float y_m, const float yaw_rad = 0.0F) {
+    Estimate e;
+    e.planar.pose_map_body = {x_m, y_m, yaw_rad};
+    e.planar.quality = 100;
+    e.altitude.valid = true;
+    e.altitude.z_m = 1.0F;
+    return e;
+}
+
+LevelScan empty_sweep() {
+    LevelScan s;
+    s.range_max_m = 10.0F;
+    s.bearing_increment_rad = 0.0044F;
+    return s;
+}
+
+void add(LevelScan& s, const float bearing_rad, const float range_m, const bool hit) {
+    ScanPoint p;
+    p.x_m = range_m * std::cos(bearing_rad);
+    p.y_m = range_m * std::sin(bearing_rad);
+    p.range_m = range_m;
+    p.beam = static_cast<std::int16_t>(s.points.size());
+    p.hit = hit;
+    TEST_ASSERT_TRUE(s.points.push(p));
+}
+
+std::unique_ptr<OccupancyGrid> grid_with(const Parameters& p) { return std::make_unique<OccupancyGrid>(p); }
+
+void a_beam_frees_the_cells_before_its_end_and_fills_the_last() {
+    const Parameters p;
+    const auto grid = grid_with(p);
+    LevelScan s = empty_sweep();
+    add(s, 0.0F, 2.03F, true);                                    // GIVEN one beam along x, 2.03 m long, from (0.04, 0.05)
+    grid->integrate(at(0.04F, 0.05F), s);                         // WHEN it is entered
+    for (int i = 0; i < 20; ++i) {                                // THEN all cells before the end are free
+        TEST_ASSERT_EQUAL(CellClass::free, grid->cell_class(Cell{i, 0}));
+    }
+    TEST_ASSERT_EQUAL(CellClass::occupied, grid->cell_class(Cell{20, 0}));
+    TEST_ASSERT_EQUAL(CellClass::unknown, grid->cell_class(Cell{21, 0}));
+    TEST_ASSERT_EQUAL(CellClass::unknown, grid->cell_class(Cell{5, 1}));
+    TEST_ASSERT_FLOAT_WITHIN(1e-4F, 0.21F, grid->known_area_m2());
+    float x_m = 0.0F;
+    float y_m = 0.0F;
+    grid->hit_point(grid->find(Cell{20, 0}), x_m, y_m);           // AND the hit is kept finer than the cell
+    TEST_ASSERT_FLOAT_WITHIN(0.001F, 2.07F, x_m);
+    TEST_ASSERT_FLOAT_WITHIN(0.001F, 0.05F, y_m);
+}
+
+void a_ray_visits_the_same_cells_from_both_ends() {
+    // Law: what a beam from a to b frees, a beam from b to a frees, but for the ends.
+    const Parameters p;
+    for (int k = 0; k < 40; ++k) {
+        const float angle = 0.157F * static_cast<float>(k);
+        const auto one = grid_with(p);
+        const auto two = grid_with(p);
+        LevelScan s = empty_sweep();
+        add(s, 0.0F, 4.0F, true);
+        const float bx = 0.033F + 4.0F * std::cos(angle);
+        const float by = -0.021F + 4.0F * std::sin(angle);
+        one->integrate(at(0.033F, -0.021F, angle), s);
+        two->integrate(at(bx, by, angle + noctule::kPi), s);
+        for (float r = 0.3F; r < 3.7F; r += 0.01F) {
+            const float x = 0.033F + r * std::cos(angle);
+            const float y = -0.021F + r * std::sin(angle);
+            // Points on the very edge of a cell may fall on either side of it.
+            const float fx = x * 10.0F - std::floor(x * 10.0F);
+            const float fy = y * 10.0F - std::floor(y * 10.0F);
+            if (std::fmin(std::fmin(fx, 1.0F - fx), std::fmin(fy, 1.0F - fy)) < 0.01F) { continue; }
+            TEST_ASSERT_EQUAL(CellClass::free, one->cell_class(one->find(x, y)));
+            TEST_ASSERT_EQUAL(CellClass::free, two->cell_class(two->find(x, y)));
+        }
+    }
+}
+
+void cells_and_metres_are_inverse_across_tiles() {
+    const noctule::GridGeometry g{0.10F};
+    for (int i = -200; i < 200; ++i) {
+        const Cell c{i * 3, -i * 7};
+        TEST_ASSERT_TRUE(g.cell(g.centre_x_m(c), g.centre_y_m(c)) == c);
+    }
+    const Parameters p;
+    const auto grid = grid_with(p);
+    LevelScan s = empty_sweep();
+    for (int k = 0; k < 360; ++k) { add(s, 0.0174533F * static_cast<float>(k), 9.0F, true); }
+    grid->integrate(at(0.0F, 0.0F), s);
+    for (std::int32_t iy = -80; iy < 80; ++iy) {
+        for (std::int32_t ix = -80; ix < 80; ++ix) {
+            const CellId id = grid->find(Cell{ix, iy});
+            if (id == noctule::kNoCell) { continue; }
+            TEST_ASSERT_TRUE(grid->cell(id) == (Cell{ix, iy}));
+            for (std::int32_t d = 0; d < 8; ++d) {  // links between tiles agree with the directory
+                TEST_ASSERT_EQUAL_INT32(grid->find(Cell{ix + noctule::kNeighbourX[d], iy + noctule::kNeighbourY[d]}), grid->neighbour(id, d));
+            }
+        }
+    }
+}
+
+void evidence_of_one_sweep_counts_once_and_is_bounded() {
+    const Parameters p;
+    const auto grid = grid_with(p);
+    LevelScan s = empty_sweep();
+    for (int k = 0; k < 20; ++k) { add(s, 0.001F * static_cast<float>(k), 2.03F, true); }
+    grid->integrate(at(0.04F, 0.02F), s);
+    const GridTile& tile = grid->tile(0);
+    const auto lo = [&](const int i) { return tile.log_odds[static_cast<std::size_t>(grid->find(Cell{i, 0}) & 4095)]; };
+    TEST_ASSERT_EQUAL_INT8(14, lo(20));    // 0.875 nat in 1/16
+    TEST_ASSERT_EQUAL_INT8(-6, lo(5));
+    for (int k = 0; k < 100; ++k) { grid->integrate(at(0.04F, 0.02F), s); }
+    TEST_ASSERT_EQUAL_INT8(80, lo(20));
+    TEST_ASSERT_EQUAL_INT8(-48, lo(5));
+}
+
+void what_moved_away_fades_and_what_came_appears() {
+    const Parameters p;
+    const auto grid = grid_with(p);
+    LevelScan person = empty_sweep();
+    LevelScan gone = empty_sweep();
+    for (int k = -10; k <= 10; ++k) {
+        add(person, 0.004F * static_cast<float>(k), 2.03F, true);
+        add(gone, 0.004F * static_cast<float>(k), 4.0F, true);
+    }
+    for (int k = 0; k < 200; ++k) { grid->integrate(at(0.04F, 0.05F), person); }
+    TEST_ASSERT_EQUAL(CellClass::occupied, grid->cell_class(Cell{20, 0}));
+    for (int k = 0; k < 20; ++k) { grid->integrate(at(0.04F, 0.05F), gone); }   // one second
+    TEST_ASSERT_EQUAL(CellClass::free, grid->cell_class(Cell{20, 0}));
+    grid->integrate(at(0.04F, 0.05F), person);
+    for (int k = 0; k < 3; ++k) { grid->integrate(at(0.04F, 0.05F), person); }
+    TEST_ASSERT_EQUAL(CellClass::occupied, grid->cell_class(Cell{20, 0}));
+}
+
+void beams_that_graze_a_wall_do_not_wear_it_away() {
+    const Parameters p;
+    const auto grid = grid_with(p);
+    // GIVEN a wall along y = 0.55, seen from a place 5 degrees off its line, so that most beams cross cells of it
+    for (int sweep = 0; sweep < 300; ++sweep) {
+        LevelScan s = empty_sweep();
+        for (int k = 0; k < 60; ++k) {
+            const float bearing = 0.07F + 0.0044F * (static_cast<float>(k) + 0.05F * static_cast<float>(sweep % 20));
+            add(s, bearing, 0.5F / std::sin(bearing), true);
+        }
+        grid->integrate(at(0.0F, 0.05F), s);
+    }
+    for (int i = 25; i < 60; ++i) {
+        TEST_ASSERT_EQUAL(CellClass::occupied, grid->cell_class(Cell{i, 5}));
+    }
+}
+
+void a_gap_without_return_is_free_only_where_both_sides_are_far() {
+    const Parameters p;
+    const auto near = grid_with(p);
+    LevelScan s = empty_sweep();
+    // GIVEN a pane of glass in a wall 3 m ahead: returns beside it, none through it
+    for (int k = -100; k <= 100; ++k) {
+        const float b = 0.0044F * static_cast<float>(k);
+        add(s, b, std::abs(k) < 40 ? 10.0F : 3.0F / std::cos(b), std::abs(k) >= 40);
+    }
+    near->integrate(at(0.0F, 0.05F), s);
+    TEST_ASSERT_EQUAL(CellClass::unknown, near->cell_class(Cell{10, 0}));   // THEN nothing is free in front of it
+    const auto far = grid_with(p);
+    s = empty_sweep();
+    // GIVEN a corridor that goes on beyond the range: returns at 9.5 m on both sides of the gap
+    for (int k = -100; k <= 100; ++k) {
+        add(s, 0.0044F * static_cast<float>(k), std::abs(k) < 20 ? 10.0F : 9.5F, std::abs(k) >= 20);
+    }
+    far->integrate(at(0.0F, 0.05F), s);
+    TEST_ASSERT_EQUAL(CellClass::free, far->cell_class(Cell{80, 0}));       // THEN it is free up to the chord
+    TEST_ASSERT_EQUAL(CellClass::unknown, far->cell_class(Cell{96, 0}));
+}
+
+void thick_obstacles_of_the_paper_fill_their_depth() {
+    Parameters p;
+    p.obstacle_thickness_m = 0.5F;
+    const auto grid = grid_with(p);
+    LevelScan s = empty_sweep();
+    add(s, 0.0F, 2.0F, true);
+    grid->integrate(at(0.0F, 0.05F), s);
+    TEST_ASSERT_EQUAL(CellClass::free, grid->cell_class(Cell{16, 0}));
+    for (int i = 18; i <= 21; ++i) { TEST_ASSERT_EQUAL(CellClass::occupied, grid->cell_class(Cell{i, 0})); }
+    TEST_ASSERT_EQUAL(CellClass::unknown, grid->cell_class(Cell{24, 0}));
+}
+
+void bad_sweeps_are_refused_and_counted() {
+    const Parameters p;
+    const auto grid = grid_with(p);
+    LevelScan s = empty_sweep();
+    add(s, 0.0F, 2.0F, true);
+    Estimate lost = at(0.0F, 0.0F);
+    lost.planar.quality = -1;
+    grid->integrate(lost, s);
+    Estimate low = at(0.0F, 0.0F);
+    low.altitude.z_m = 0.1F;
+    grid->integrate(low, s);
+    grid->integrate(at(std::nanf(""), 0.0F), s);
+    TEST_ASSERT_EQUAL_UINT32(3U, grid->counters().scans_refused);
+    TEST_ASSERT_EQUAL_FLOAT(0.0F, grid->known_area_m2());
+    LevelScan odd = empty_sweep();
+    add(odd, 0.0F, std::nanf(""), true);                          // a bad beam does no harm to a good sweep
+    add(odd, 1.0F, 2.0F, true);
+    grid->integrate(at(0.0F, 0.0F), odd);
+    TEST_ASSERT_EQUAL_UINT32(1U, grid->counters().beams_used);
+}
+
+void a_full_pool_refuses_counts_and_keeps_what_it_has() {
+    const Parameters p;
+    const auto grid = grid_with(p);
+    LevelScan s = empty_sweep();
+    add(s, 0.0F, 2.0F, true);
+    const auto tiles = static_cast<int>(kMaxTiles);
+    for (int k = 0; k < tiles + 20; ++k) { grid->integrate(at(0.5F + 6.4F * static_cast<float>(k % 100), 0.5F + 6.4F * static_cast<float>(k / 100)), s); }
+    TEST_ASSERT_EQUAL_INT32(tiles, grid->tile_count());
+    TEST_ASSERT_TRUE(grid->counters().tiles_refused > 0U);
+    TEST_ASSERT_EQUAL(CellClass::free, grid->cell_class(grid->find(1.0F, 0.5F)));
+    TEST_ASSERT_EQUAL(CellClass::unknown, grid->cell_class(grid->find(1.0F + 6.4F * static_cast<float>((tiles + 5) % 100), 0.5F + 6.4F * static_cast<float>((tiles + 5) / 100))));
+}
+
+void every_change_is_published_in_the_end() {
+    const Parameters p;
+    const auto grid = grid_with(p);
+    std::set<std::pair<int, int>> seen;
+    LevelScan s = empty_sweep();
+    for (int k = 0; k < 720; ++k) { add(s, 0.0087266F * static_cast<float>(k), 9.5F, true); }
+    grid->integrate(at(0.0F, 0.0F), s);
+    grid->integrate(at(6.0F, 0.0F), s);
+    std::int64_t t_us = 0;
+    auto copies = std::make_unique<std::array<std::array<std::int8_t, noctule::kTileArea>, 64>>();
+    for (int step = 0; step < 100; ++step) {
+        t_us += 50000;
+        int taken = 0;
+        for (; taken < 4; ++taken) {
+            const GridTile* tile = grid->take_changed_tile(t_us);
+            if (tile == nullptr) { break; }
+            seen.insert({tile->tile_x, tile->tile_y});
+            (*copies)[static_cast<std::size_t>(grid->tile_slot(tile->tile_x, tile->tile_y))] = tile->log_odds;
+        }
+        if (step == 10) { grid->integrate(at(6.0F, 0.0F), s); }   // values change, classes do not
+    }
+    TEST_ASSERT_EQUAL_INT32(grid->tile_count(), static_cast<std::int32_t>(seen.size()));
+    for (std::int32_t slot = 0; slot < grid->tile_count(); ++slot) {
+        TEST_ASSERT_EQUAL_INT(0, std::memcmp((*copies)[static_cast<std::size_t>(slot)].data(), grid->tile(slot).log_odds.data(), noctule::kTileArea));
+    }
+    TEST_ASSERT_NULL(grid->take_changed_tile(t_us + 10000000));
+}
+
+void clearance_is_measured_to_hits_not_to_cells() {
+    const Parameters p;
+    const auto grid = grid_with(p);
+    for (const float offset : {0.02F, 0.05F, 0.08F}) {
+        grid->reset();
+        LevelScan s = empty_sweep();
+        add(s, 0.0F, 1.0F + offset, true);
+        grid->integrate(at(0.0F, 0.05F), s);
+        float hx = 0.0F;
+        TEST_ASSERT_FLOAT_WITHIN(0.001F, 0.6F + offset, grid->clearance_m(0.4F, 0.05F, 0.8F, &hx));
+        TEST_ASSERT_FLOAT_WITHIN(0.001F, 1.0F + offset, hx);
+        TEST_ASSERT_FLOAT_WITHIN(0.001F, 0.5F, grid->clearance_m(0.0F, 0.05F, 0.5F));
+    }
+}
+
+}  // namespace
+
+int main() {
+    UNITY_BEGIN();
+    RUN_TEST(a_beam_frees_the_cells_before_its_end_and_fills_the_last);
+    RUN_TEST(a_ray_visits_the_same_cells_from_both_ends);
+    RUN_TEST(cells_and_metres_are_inverse_across_tiles);
+    RUN_TEST(evidence_of_one_sweep_counts_once_and_is_bounded);
+    RUN_TEST(what_moved_away_fades_and_what_came_appears);
+    RUN_TEST(beams_that_graze_a_wall_do_not_wear_it_away);
+    RUN_TEST(a_gap_without_return_is_free_only_where_both_sides_are_far);
+    RUN_TEST(thick_obstacles_of_the_paper_fill_their_depth);
+    RUN_TEST(bad_sweeps_are_refused_and_counted);
+    RUN_TEST(a_full_pool_refuses_counts_and_keeps_what_it_has);
+    RUN_TEST(every_change_is_published_in_the_end);
+    RUN_TEST(clearance_is_measured_to_hits_not_to_cells);
+    return UNITY_END();
+}
