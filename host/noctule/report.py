@@ -144,7 +144,7 @@ def _number(value, digits=6):
     """A finite number rounded, else None: NaN and infinity are not JSON."""
     if value is None or not math.isfinite(float(value)):
         return None
-    return round(float(value), digits)
+    return round(float(value), digits) + 0.0     # + 0.0: no minus before a zero
 
 
 def _spread(spread: score.Spread) -> dict:
