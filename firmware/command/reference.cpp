@@ -144,6 +144,17 @@ void Reference::move_along(const Target& target, const Estimate& estimate, const
     }
     now_.x_m += now_.vx_m_s * dt_s;
     now_.y_m += now_.vy_m_s * dt_s;
+    // A vehicle that does not come along at all: the reference stops where the lead ends.
+    const Pose2<Map, Body>& pose = estimate.planar.pose_map_body;
+    const float lead_m = std::hypot(now_.x_m - pose.x_m, now_.y_m - pose.y_m);
+    const float most_m = p_.setpoint_ahead_s * p_.speed_max_m_s;
+    if (lead_m > most_m) {
+        const float share_left = most_m / lead_m;
+        now_.x_m = pose.x_m + share_left * (now_.x_m - pose.x_m);
+        now_.y_m = pose.y_m + share_left * (now_.y_m - pose.y_m);
+        now_.vx_m_s *= 0.5F;
+        now_.vy_m_s *= 0.5F;
+    }
 }
 
 void Reference::move_height(const Target& target, const Estimate& estimate, const float dt_s) {

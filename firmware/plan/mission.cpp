@@ -238,7 +238,7 @@ void Mission::aim(const Estimate& estimate, const OccupancyGrid& grid, const Pos
         }
         case S::exploring:
         case S::returning_home:
-            if (!localised_) {  // hover where the last setpoint was; watch() counts the time
+            if (!localised_ || !estimate.altitude.valid) {  // hover where the last setpoint was; watch() counts the time
                 anchor_ = last_setpoint;
                 stand(Target::Mode::hold);
                 return;

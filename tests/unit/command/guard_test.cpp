@@ -1,0 +1,216 @@
+// The guard: each rule acts on the setpoint it is there for, is named and counted, and lets good setpoints pass untouched.
+#include <cmath>
+#include <limits>
+#include <memory>
+
+#include "command/guard.hpp"
+#include "unity.h"
+
+extern "C" void setUp(void) {}
+extern "C" void tearDown(void) {}
+
+using namespace noctule;
+
+namespace {
+
+struct Desk {
+    Parameters p;
+    OccupancyGrid grid{p};
+    Guard guard{p};
+    Estimate estimate;
+    LevelScan scan;
+    std::int64_t t_us = 1000000;
+
+    Desk() {
+        estimate.planar.quality = 100;
+        estimate.altitude.valid = true;
+        estimate.altitude.z_m = 1.0F;
+        estimate.altitude.ground_z_m = 0.0F;
+        estimate.altitude.ceiling_z_m = 2.5F;
+        scan.range_max_m = 10.0F;
+    }
+    void point(const float x_m, const float y_m) {
+        ScanPoint q;
+        q.x_m = x_m;
+        q.y_m = y_m;
+        q.range_m = std::hypot(x_m, y_m);
+        q.hit = true;
+        q.beam = static_cast<std::int16_t>(scan.points.size());
+        TEST_ASSERT_TRUE(scan.points.push(q));
+    }
+    /// A wall across x, seen in points 2 cm apart.
+    void wall_at(const float x_m) {
+        for (int k = -50; k <= 50; ++k) { point(x_m, 0.02F * static_cast<float>(k)); }
+    }
+    const Setpoint& decide(const Setpoint& s, const bool vertical_free = false) {
+        t_us += 50000;
+        scan.t_us = t_us;
+        return guard.decide(estimate, scan, grid, s, vertical_free, t_us);
+    }
+    [[nodiscard]] static Setpoint go(const float x_m, const float y_m, const float z_m = 1.0F) {
+        Setpoint s;
+        s.valid = true;
+        s.x_m = x_m;
+        s.y_m = y_m;
+        s.z_m = z_m;
+        return s;
+    }
+};
+
+void a_good_setpoint_passes_untouched() {
+    const auto d = std::make_unique<Desk>();
+    d->wall_at(1.5F);
+    Setpoint s = Desk::go(0.03F, 0.0F);
+    s.vx_m_s = 0.5F;
+    const Setpoint& out = d->decide(s);
+    TEST_ASSERT_EQUAL_FLOAT(s.x_m, out.x_m);
+    TEST_ASSERT_EQUAL_FLOAT(s.vx_m_s, out.vx_m_s);
+    TEST_ASSERT_EQUAL(GuardRule::none, d->guard.rule());
+    TEST_ASSERT_EQUAL_INT32(0, d->guard.interventions());
+    TEST_ASSERT_FLOAT_WITHIN(1e-4F, 1.2F, d->guard.clearance_m());
+}
+
+void a_setpoint_that_is_no_number_is_replaced_by_the_last_good_one() {
+    const auto d = std::make_unique<Desk>();
+    static_cast<void>(d->decide(Desk::go(0.02F, 0.0F)));
+    for (int field = 0; field < 7; ++field) {
+        Setpoint s = Desk::go(0.03F, 0.0F);
+        float* const fields[] = {&s.x_m, &s.y_m, &s.z_m, &s.vx_m_s, &s.vy_m_s, &s.vz_m_s, &s.yaw_rad};
+        *fields[field] = field % 2 == 0 ? std::numeric_limits<float>::quiet_NaN() : std::numeric_limits<float>::infinity();
+        const Setpoint& out = d->decide(s);
+        TEST_ASSERT_TRUE(out.valid);
+        TEST_ASSERT_EQUAL_FLOAT(0.02F, out.x_m);
+        TEST_ASSERT_EQUAL_FLOAT(0.0F, out.vx_m_s);
+        TEST_ASSERT_EQUAL(GuardRule::not_finite, d->guard.rule());
+    }
+    TEST_ASSERT_EQUAL_INT32(7, d->guard.interventions());
+    const auto fresh = std::make_unique<Desk>();
+    TEST_ASSERT_FALSE(fresh->decide(Desk::go(std::nanf(""), 0.0F)).valid);   // nothing good yet: nothing is sent
+}
+
+void stale_scans_and_lost_localisation_stop_horizontal_motion() {
+    const auto d = std::make_unique<Desk>();
+    static_cast<void>(d->decide(Desk::go(0.02F, 0.0F)));
+    d->t_us += 2000000;
+    Setpoint s = Desk::go(0.06F, 0.0F);
+    s.vx_m_s = 0.8F;
+    const Setpoint& out = d->guard.decide(d->estimate, d->scan, d->grid, s, false, d->t_us);
+    TEST_ASSERT_EQUAL_FLOAT(0.02F, out.x_m);
+    TEST_ASSERT_EQUAL_FLOAT(0.0F, out.vx_m_s);
+    TEST_ASSERT_EQUAL(GuardRule::scan_stale, d->guard.rule());
+    d->estimate.planar.quality = -1;
+    TEST_ASSERT_EQUAL_FLOAT(0.02F, d->decide(s).x_m);
+    TEST_ASSERT_EQUAL(GuardRule::scan_stale, d->guard.rule());
+}
+
+void the_fence_holds() {
+    const auto d = std::make_unique<Desk>();
+    d->p.fence_radius_m = 3.0F;
+    d->estimate.planar.pose_map_body = {2.9F, 0.0F, 0.0F};
+    const Setpoint& out = d->decide(Desk::go(3.2F, 0.0F));
+    TEST_ASSERT_FLOAT_WITHIN(1e-4F, 3.0F, out.x_m);
+    TEST_ASSERT_EQUAL(GuardRule::fence, d->guard.rule());
+}
+
+void jumps_and_leads_are_cut() {
+    const auto d = std::make_unique<Desk>();
+    static_cast<void>(d->decide(Desk::go(0.0F, 0.0F)));
+    const Setpoint& out = d->decide(Desk::go(5.0F, 0.0F, 2.0F));
+    TEST_ASSERT_EQUAL(GuardRule::ahead, d->guard.rule());
+    TEST_ASSERT_TRUE(out.x_m < 0.08F);
+    TEST_ASSERT_TRUE(out.z_m < 1.08F);
+    TEST_ASSERT_EQUAL_INT32(1, d->guard.acted(GuardRule::ahead));
+    TEST_ASSERT_TRUE(d->guard.acted(GuardRule::step) >= 1);
+    TEST_ASSERT_EQUAL_INT32(1, d->guard.interventions());       // one call, however many rules
+    Setpoint fast = Desk::go(out.x_m, 0.0F, out.z_m);
+    fast.vx_m_s = 5.0F;
+    TEST_ASSERT_FLOAT_WITHIN(1e-4F, d->p.speed_max_m_s, d->decide(fast).vx_m_s);
+    TEST_ASSERT_EQUAL(GuardRule::speed, d->guard.rule());
+}
+
+void it_stops_before_a_wall_whatever_is_wanted() {
+    // A planner gone mad wants through a wall 1 m ahead, at full speed; the vehicle follows what the guard sends.
+    const auto d = std::make_unique<Desk>();
+    float x_m = 0.0F;
+    float nearest = 10.0F;
+    for (int k = 0; k < 200; ++k) {
+        d->scan.points.clear();
+        d->wall_at(1.0F - x_m);
+        d->estimate.planar.pose_map_body = {x_m, 0.0F, 0.0F};
+        Setpoint s = Desk::go(x_m + 0.4F, 0.0F);
+        s.vx_m_s = d->p.speed_max_m_s;
+        const Setpoint& out = d->decide(s);
+        x_m += 0.05F * (out.vx_m_s + 1.5F * (out.x_m - x_m));
+        nearest = std::min(nearest, 1.0F - x_m);
+    }
+    TEST_ASSERT_TRUE_MESSAGE(nearest > d->p.hull_radius_m + 0.02F, "came too near");
+    TEST_ASSERT_TRUE_MESSAGE(nearest < d->p.hull_radius_m + 0.2F, "never came near: the test shows nothing");
+    TEST_ASSERT_TRUE(d->guard.acted(GuardRule::clearance) > 0);
+}
+
+void it_backs_away_from_what_is_inside_its_margin() {
+    const auto d = std::make_unique<Desk>();
+    d->wall_at(0.33F);
+    const Setpoint& out = d->decide(Desk::go(0.0F, 0.0F));
+    TEST_ASSERT_TRUE(out.x_m < -0.02F);
+    TEST_ASSERT_EQUAL(GuardRule::clearance, d->guard.rule());
+    TEST_ASSERT_FLOAT_WITHIN(1e-3F, 0.03F, d->guard.clearance_m());
+}
+
+void between_two_jambs_it_goes_to_the_middle() {
+    const auto d = std::make_unique<Desk>();
+    // A gap of 0.70 m, narrower than hull and margin on both sides (0.72 m): pushed from either side it must not stick to one.
+    for (int k = 0; k <= 25; ++k) {
+        d->point(0.05F, 0.35F + 0.02F * static_cast<float>(k));
+        d->point(0.05F, -0.35F - 0.02F * static_cast<float>(k));
+    }
+    const Setpoint& out = d->decide(Desk::go(0.05F, 0.03F));
+    TEST_ASSERT_TRUE(std::fabs(out.y_m) < 0.02F);
+}
+
+void the_blind_sector_is_guarded_by_the_map() {
+    const auto d = std::make_unique<Desk>();
+    LevelScan behind;
+    behind.range_max_m = 10.0F;
+    for (int k = -20; k <= 20; ++k) {
+        ScanPoint q;
+        q.x_m = -0.40F;
+        q.y_m = 0.02F * static_cast<float>(k);
+        q.range_m = std::hypot(q.x_m, q.y_m);
+        q.hit = true;
+        q.beam = static_cast<std::int16_t>(k + 20);
+        TEST_ASSERT_TRUE(behind.points.push(q));
+    }
+    for (int k = 0; k < 5; ++k) { d->grid.integrate(d->estimate, behind); }
+    for (int k = -60; k <= 60; ++k) { d->point(3.0F * std::cos(0.0349F * static_cast<float>(k)), 3.0F * std::sin(0.0349F * static_cast<float>(k))); }
+    const Setpoint& out = d->decide(Desk::go(-0.2F, 0.0F));
+    TEST_ASSERT_EQUAL(GuardRule::clearance, d->guard.rule());
+    TEST_ASSERT_TRUE(out.x_m > -0.09F);
+}
+
+void floor_and_ceiling_are_kept_except_in_take_off_and_landing() {
+    const auto d = std::make_unique<Desk>();
+    d->estimate.altitude.ceiling_z_m = 1.15F;
+    TEST_ASSERT_TRUE(d->decide(Desk::go(0.0F, 0.0F, 1.2F)).z_m < 0.96F);
+    TEST_ASSERT_EQUAL(GuardRule::ceiling, d->guard.rule());
+    const auto e = std::make_unique<Desk>();
+    TEST_ASSERT_EQUAL_FLOAT(-0.2F, e->decide(Desk::go(0.0F, 0.0F, -0.2F), true).z_m);
+    TEST_ASSERT_EQUAL_INT32(0, e->guard.interventions());
+}
+
+}  // namespace
+
+int main() {
+    UNITY_BEGIN();
+    RUN_TEST(a_good_setpoint_passes_untouched);
+    RUN_TEST(a_setpoint_that_is_no_number_is_replaced_by_the_last_good_one);
+    RUN_TEST(stale_scans_and_lost_localisation_stop_horizontal_motion);
+    RUN_TEST(the_fence_holds);
+    RUN_TEST(jumps_and_leads_are_cut);
+    RUN_TEST(it_stops_before_a_wall_whatever_is_wanted);
+    RUN_TEST(it_backs_away_from_what_is_inside_its_margin);
+    RUN_TEST(between_two_jambs_it_goes_to_the_middle);
+    RUN_TEST(the_blind_sector_is_guarded_by_the_map);
+    RUN_TEST(floor_and_ceiling_are_kept_except_in_take_off_and_landing);
+    return UNITY_END();
+}

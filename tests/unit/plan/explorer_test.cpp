@@ -1,0 +1,108 @@
+// Whole explorations in small worlds with perfect pose: they end, touch nothing, see everything, and come home.
+#include <cmath>
+#include <cstdio>
+#include <memory>
+
+#include "unit/plan/closed_world.hpp"
+#include "unit/plan/closed_world_score.hpp"
+#include "unity.h"
+
+extern "C" void setUp(void) {}
+extern "C" void tearDown(void) {}
+
+using namespace noctule;
+using test::ClosedLoop;
+using test::FlatWorld;
+
+namespace {
+
+constexpr double kTurn = 0.297;   // 17 degrees: walls off the grid's lines
+
+void expect_explored(const FlatWorld& world, const double most_s, const double least_share, const unsigned seed) {
+    const Parameters p;
+    const auto loop = std::make_unique<ClosedLoop>(p, world, seed);
+    loop->pose_noise_m = 0.01;
+    const test::Result r = test::fly(*loop, most_s);
+    const double share = test::explored_share(world, loop->grid, loop->range_max_m);
+    const auto& c = loop->mission.explorer().counters();
+    std::printf("  %.0f s, %.0f m, nearest %.3f m, home within %.2f m, seen %.4f, goals %u, switched %u, in vain %u\n", r.time_s, r.length_m,
+                r.least_clearance_m - static_cast<double>(p.hull_radius_m), r.home_error_m, share, c.goals, c.switches, c.in_vain);
+    TEST_ASSERT_TRUE_MESSAGE(r.completed, "did not complete");
+    TEST_ASSERT_TRUE_MESSAGE(r.least_clearance_m > static_cast<double>(p.hull_radius_m), "touched something");
+    TEST_ASSERT_TRUE_MESSAGE(share >= least_share, "saw too little");
+    TEST_ASSERT_TRUE_MESSAGE(r.home_error_m < 0.3, "landed away from the start");
+    TEST_ASSERT_TRUE_MESSAGE(loop->fastest < 1.3 * static_cast<double>(p.speed_max_m_s), "too fast");
+}
+
+/// Three rooms in a row, doors of the given width in the walls between, a dead end.
+FlatWorld rooms(const double door_m) {
+    FlatWorld w;
+    w.add_wall(-2.0, -2.5, 8.0, -2.5);
+    w.add_wall(-2.0, 2.0, 8.0, 2.0);
+    w.add_wall(-2.0, -2.5, -2.0, 2.0);
+    w.add_wall(8.0, -2.5, 8.0, 2.0);
+    w.add_wall(1.5, -2.5, 1.5, -1.0);
+    w.add_wall(1.5, -1.0 + door_m, 1.5, 2.0);
+    w.add_wall(4.8, -2.5, 4.8, 0.3);
+    w.add_wall(4.8, 0.3 + door_m, 4.8, 2.0);
+    w.add_wall(6.2, -2.5, 6.2, 0.0);
+    w.turn(kTurn);
+    return w;
+}
+
+void rooms_with_doors_of_0_9_m() { expect_explored(rooms(0.90), 240.0, 0.98, 1); }
+
+void rooms_with_doors_of_0_8_m() { expect_explored(rooms(0.80), 300.0, 0.97, 2); }
+
+void pillars_and_dead_ends() {
+    FlatWorld w;
+    w.add_wall(-1.5, -3.0, 6.0, -3.0);
+    w.add_wall(-1.5, 3.0, 6.0, 3.0);
+    w.add_wall(-1.5, -3.0, -1.5, 3.0);
+    w.add_wall(6.0, -3.0, 6.0, 3.0);
+    w.add_pillar(1.8, 0.6, 0.25);
+    w.add_pillar(3.2, -1.1, 0.25);
+    w.add_pillar(4.3, 1.3, 0.15);
+    w.add_wall(2.2, -3.0, 2.2, -1.7);
+    w.add_wall(0.4, 3.0, 0.4, 1.3);
+    w.add_wall(0.4, 1.3, 1.2, 1.3);
+    w.turn(kTurn);
+    expect_explored(w, 240.0, 0.97, 3);
+}
+
+void a_closed_cell_is_finished_at_once() {
+    FlatWorld w;
+    w.add_wall(-1.2, -1.2, 1.2, -1.2);
+    w.add_wall(1.2, -1.2, 1.2, 1.2);
+    w.add_wall(1.2, 1.2, -1.2, 1.2);
+    w.add_wall(-1.2, 1.2, -1.2, -1.2);
+    w.turn(kTurn);
+    expect_explored(w, 60.0, 0.99, 4);
+}
+
+void the_same_run_twice_is_the_same_to_the_bit() {
+    const FlatWorld w = rooms(0.90);
+    const Parameters p;
+    double x[2] = {};
+    double length[2] = {};
+    for (int k = 0; k < 2; ++k) {
+        const auto loop = std::make_unique<ClosedLoop>(p, w, 9);
+        loop->pose_noise_m = 0.01;
+        static_cast<void>(test::fly(*loop, 40.0));
+        x[k] = loop->x;
+        length[k] = loop->length;
+    }
+    TEST_ASSERT_TRUE(x[0] == x[1] && length[0] == length[1]);
+}
+
+}  // namespace
+
+int main() {
+    UNITY_BEGIN();
+    RUN_TEST(rooms_with_doors_of_0_9_m);
+    RUN_TEST(rooms_with_doors_of_0_8_m);
+    RUN_TEST(pillars_and_dead_ends);
+    RUN_TEST(a_closed_cell_is_finished_at_once);
+    RUN_TEST(the_same_run_twice_is_the_same_to_the_bit);
+    return UNITY_END();
+}
