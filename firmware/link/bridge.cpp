@@ -304,12 +304,13 @@ void Bridge::on_nav(const nav_t& message) {
 }
 
 void Bridge::on_odom(const odom_t& message) {
-    if (now_us_ < 0) { return; }
-    bool usable = supervisor_.odometry(message, now_us_);
+    // Every scan is answered, even before the autopilot's clock is known: then the message's own stamp is the time.
+    const std::int64_t heard_us = now_us_ >= 0 ? now_us_ : message.t_us;
+    bool usable = supervisor_.odometry(message, heard_us);
     if (!usable && supervisor_.nav_restarted() && !flight_.active()) {
         supervisor_.accept_restart();
         ++reset_offset_;
-        usable = supervisor_.odometry(message, now_us_);
+        usable = supervisor_.odometry(message, heard_us);
     }
     // What cannot be vouched for still answers the scan (and ends a simulator's tick): the last pose with quality -1.
     odom_t out = usable ? message : last_odom_;
@@ -322,9 +323,9 @@ void Bridge::on_odom(const odom_t& message) {
     send_autopilot(mavlink_msg_odometry_encode_status, odometry);
     ++counters_.odometry_sent;
     if (usable) { last_odom_ = message; }
-    if (now_us_ >= next_ground_odometry_us_) {
+    if (heard_us >= next_ground_odometry_us_) {
         constexpr std::int64_t kGroundPeriod_us = kSecond_us / 5;
-        next_ground_odometry_us_ = now_us_ + kGroundPeriod_us;
+        next_ground_odometry_us_ = heard_us + kGroundPeriod_us;
         send_ground(mavlink_msg_odometry_encode_status, odometry);
     }
 }

@@ -6,9 +6,17 @@
 
 #include <cstdio>
 
+#include "streams.gen.hpp"
+
+/// LCM's own lookup of a channel's handlers (liblcm 1.3 to 1.5 export it). Null elsewhere.
+extern "C" int lcm_has_handlers(lcm_t* lcm, const char* channel) __attribute__((weak));
+
 namespace noctule {
 
 namespace {
+
+constexpr std::array kChannels{kChannelScan, kChannelImu,  kChannelAttitude, kChannelRangeUp, kChannelRangeDown, kChannelVehicle, kChannelCommand,
+                               kChannelNav,  kChannelOdom, kChannelGridTile, kChannelWalls,   kChannelLevels,    kChannelImage,   kChannelObjects};
 
 /// LCM prints eight lines and hangs on where the kernel has no route for multicast: ask the kernel first.
 /// True for a url that is not udpm, or whose address cannot be read: LCM itself then says what is wrong.
@@ -53,6 +61,7 @@ void LcmBus::close() {
     lcm_destroy(lcm_);
     lcm_ = nullptr;
     used_ = 0;
+    warm_ = false;
 }
 
 bool LcmBus::add(const char* channel, void* handler, const lcm_msg_handler_t dispatcher) {
@@ -78,6 +87,13 @@ bool LcmBus::publish_raw(const char* channel, const std::uint8_t* bytes, const s
 
 int LcmBus::handle(const int timeout_ms) {
     if (lcm_ == nullptr) { return -1; }
+    if (!warm_) {
+        // LCM allocates when it meets a channel name for the first time: let it meet all of them now.
+        for (const char* channel : kChannels) {
+            if (lcm_has_handlers != nullptr) { static_cast<void>(lcm_has_handlers(lcm_, channel)); }
+        }
+        warm_ = true;
+    }
     int handled = 0;
     int wait_ms = timeout_ms;
     while (handled < kMaxLcmQueue) {

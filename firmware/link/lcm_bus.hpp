@@ -11,7 +11,7 @@
 /// Messages are handled in the order in which they arrived on the bus, over all channels together.
 /// Publishing encodes into a buffer inside the bus and hands raw bytes to LCM; receiving decodes into one fixed message a type.
 /// LCM itself allocates nothing for messages up to 60 kB and channel names up to 15 characters, so both are enforced here.
-/// Start-up (open, subscribe) allocates. One thread; LCM's own reader thread only fills its queue.
+/// Start-up (open, subscribe, the first handle) allocates. One thread; LCM's own reader thread only fills its queue.
 #pragma once
 
 #include <lcm/lcm.h>
@@ -119,6 +119,7 @@ private:
 
     lcm_t* lcm_ = nullptr;
     std::size_t used_ = 0;
+    bool warm_ = false;
     std::array<Entry, kMaxLcmSubscriptions> entries_{};
     std::array<std::uint8_t, kMaxLcmBytes> buffer_{};
     std::array<char, 256> error_{};
