@@ -7,9 +7,11 @@ namespace noctule {
 
 namespace {
 
-constexpr std::int32_t kRays = 72;
+constexpr std::int32_t kRays = 96;
+constexpr float kBeyondCells = 1.7F;      ///< within which a line of sight must meet the unknown behind a frontier cell
 constexpr float kSamePlaceM = 0.35F;      ///< tried places within this are one
 constexpr float kFirstTryShare = 0.6F;    ///< each try in vain brings the next viewpoint nearer by this
+constexpr float kCutsCells = 0.4F;        ///< a line of sight this near to a hit point is cut there
 constexpr std::int32_t kTriesPerRound = 3;
 constexpr float kDistanceCost = 0.6F;    ///< metres of way that a metre less of viewing distance is worth
 constexpr float kTightCost = 0.4F;        ///< metres of way that a viewpoint with room round it is worth, times its slowness over one
@@ -115,8 +117,7 @@ void FrontierSearch::gather(const OccupancyGrid& grid, const CellId seed) {
     }
 }
 
-// Rays from the frontier cell through free cells find the places that see it. A ray counts only if its continuation beyond the
-// cell meets the unknown: from there the laser would look into it, not along it.
+// Rays from the frontier cell through free cells find the places that see it.
 bool FrontierSearch::view(const OccupancyGrid& grid, const Traversability& where, const CostField& from, const float distance_m,
                           const CellId look, Frontier& best, const float home_x_m, const float home_y_m) const {
     const GridGeometry& g = grid.geometry();
@@ -134,19 +135,20 @@ bool FrontierSearch::view(const OccupancyGrid& grid, const Traversability& where
         const float angle = 2.0F * kPi * static_cast<float>(k) / static_cast<float>(kRays);
         const float ux = std::cos(angle);
         const float uy = std::sin(angle);
+        bool looked = false;
         bool into_unknown = false;
-        for (const float behind : {0.7F, 1.2F, 1.7F}) {
-            const CellClass kind = grid.cell_class(reader.find(x_m - behind * step_m * ux, y_m - behind * step_m * uy));
-            if (kind == CellClass::occupied) { break; }
-            if (kind == CellClass::unknown) {
-                into_unknown = true;
-                break;
-            }
-        }
-        if (!into_unknown) { continue; }
         for (float r = 0.0F; r <= distance_m; r += step_m) {
             const CellId id = reader.find(x_m + r * ux, y_m + r * uy);
-            if (grid.cell_class(id) != CellClass::free) { break; }
+            const CellClass kind = grid.cell_class(id);
+            if (kind == CellClass::occupied) {
+                // A corner fills a part of its cell only: the line is cut where it passes near the hit point itself.
+                float hx = 0.0F;
+                float hy = 0.0F;
+                grid.hit_point(id, hx, hy);
+                if (std::fabs((hx - x_m) * uy - (hy - y_m) * ux) < kCutsCells * step_m) { break; }
+                continue;
+            }
+            if (kind == CellClass::unknown) { break; }
             if (!where.passable(id)) { continue; }
             const std::uint32_t cost = from.cost(id);
             if (cost == CostField::kFar) { continue; }
@@ -156,6 +158,16 @@ bool FrontierSearch::view(const OccupancyGrid& grid, const Traversability& where
             const Cell v = grid.cell(id);
             if (std::hypot(g.centre_x_m(v) - x_m, g.centre_y_m(v) - y_m) > distance_m) { continue; }
             if (std::hypot(g.centre_x_m(v) - home_x_m, g.centre_y_m(v) - home_y_m) > p_.fence_radius_m - 0.5F) { continue; }
+            // From there the laser must look into the unknown, not along its edge: the line goes on into something unknown at once.
+            if (!looked) {
+                looked = true;
+                for (float behind = 0.7F; behind <= kBeyondCells && !into_unknown; behind += 0.5F) {
+                    const CellClass there = grid.cell_class(reader.find(x_m - behind * step_m * ux, y_m - behind * step_m * uy));
+                    if (there == CellClass::occupied) { break; }
+                    into_unknown = there == CellClass::unknown;
+                }
+            }
+            if (!into_unknown) { break; }
             best_score = score;
             best.look = look;
             best.x_m = x_m;

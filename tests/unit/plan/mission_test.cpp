@@ -204,6 +204,7 @@ void each_bad_news_has_its_end() {
     stuck->steps(30);
     stuck->step(Order::start);
     stuck->vehicle.armed = stuck->vehicle.offboard = true;
+    stuck->vehicle.landed = VehicleSample::Landed::in_air;
     stuck->steps(static_cast<int>(stuck->p.takeoff_time_s * 20.0F) + 5);
     expect(*stuck, MissionState::landing, StateReason::takeoff_timed_out);
 }
