@@ -276,7 +276,7 @@ class Flight:
                           {"LD_PRELOAD": str(counter)} if counter.is_file() else None)
         if camera:
             self._start_child("noctule-vision", [find_program("noctule-vision"), "--parameters", parameters,
-                                                 "--lcm-url", camera_url, "--database", self.folder / "objects.db"])
+                                                 "--lcm-url", camera_url, "--stats", self.folder / "log" / "vision-stats.json"])
             channels = "IMAGE|OBJECTS" if self.settings.log_images else "OBJECTS"
             self._start_child("lcm-logger-camera", [logger, f"--lcm-url={camera_url}", f"--channel={channels}", "-f",
                                                     self.folder / "camera.lcm"])

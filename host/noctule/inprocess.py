@@ -18,7 +18,7 @@ def library_path():
         LibraryMissing: there is no such file; the text says how to build it.
     """
     chosen = os.environ.get("NOCTULE_SIM_ABI")
-    path = Path(chosen) if chosen else Path(__file__).resolve().parents[2] / "build" / "release" / "libnoctule_sim_abi.so"
+    path = Path(chosen) if chosen else Path(__file__).resolve().parents[2] / "build" / "release" / "lib" / "libnoctule_sim_abi.so"
     if not path.is_file():
         raise LibraryMissing(f"{path} is not there: run `make build`")
     return path
