@@ -15,13 +15,14 @@ from pathlib import Path
 from noctule import record, report, score
 from noctule.ground import GroundStation
 from noctule.processes import (Child, PortLock, end_all, find_program, build_folder, lcm_url, multicast_problem,
-                               need_logger, need_program)
+                               need_program)
 from noctule.score import ExploredScore, StartPose
 from noctule.settings import FlightSettings, InputError, parameter_values, parameters_toml, run_folder
 
 GROUND_PORT = 14550          # where ground stations listen by custom
 START_S = 3.0                # autopilot time of the start: late enough for every process to be up
 BRIDGE_WAIT_S = 10.0         # wall time
+RECORDER_WAIT_S = 10.0       # wall time
 NOT_STARTED_S = 90.0         # simulated time after which a mission that has not armed is given up
 AFTER_LANDING_S = 5.0        # wall time that the simulator has to end by itself
 SILENCE_S = 60.0             # wall time without a step or an end after which a flight is given up
@@ -196,6 +197,14 @@ class Flight:
         self.children.append(child)
         return child
 
+    def _start_recorder(self, name: str, url: str, file: str, channels: str) -> None:
+        """A recorder that is at work when this returns, so that the log begins with the first message."""
+        recorder = self._start_child(name, [sys.executable, "-m", "noctule.recorder", url, self.folder / file,
+                                            "--channels", channels])
+        deadline = time.monotonic() + RECORDER_WAIT_S
+        while recorder.running and not recorder.last_line() and time.monotonic() < deadline:
+            time.sleep(0.02)
+
     def run(self) -> dict:
         """Flies and returns the report.
 
@@ -207,7 +216,6 @@ class Flight:
         if problem:
             raise InputError(problem)
         programs = {name: need_program(name) for name in ("noctule-bridge", "noctule-nav")}
-        logger = need_logger()
         camera = self.settings.camera
         if camera:
             problem = camera_problem()
@@ -224,7 +232,7 @@ class Flight:
         try:
             ground_port = self._port()
             station = GroundStation(ground_port, self.folder / "flight.tlog")
-            begin = self._fly(station, ground_port, camera, programs, logger) or begin
+            begin = self._fly(station, ground_port, camera, programs) or begin
         finally:
             wall_time_s = time.monotonic() - begin
             self._end()
@@ -257,13 +265,13 @@ class Flight:
                    "interrupted": self.interrupted, "died": self.died, "last_text": self.last_text}
         (self.folder / "run.json").write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
 
-    def _fly(self, station: GroundStation, ground_port: int, camera: bool, programs: dict, logger: str) -> float | None:
+    def _fly(self, station: GroundStation, ground_port: int, camera: bool, programs: dict) -> float | None:
         """Starts everything and follows the flight to its end; returns the wall time of the simulator's start."""
         url, camera_url = lcm_url(self._port()), lcm_url(self._port())
         autopilot_port = self._port()
         parameters = self.folder / "parameters.toml"
         follower = Follower(url, self.world, self.folder / "truth.csv")
-        self._start_child("lcm-logger", [logger, f"--lcm-url={url}", "-f", self.folder / "flight.lcm"])
+        self._start_recorder("recorder", url, "flight.lcm", ".*")
         bridge = ["--parameters", parameters, "--autopilot", f"udpin:127.0.0.1:{autopilot_port}",
                   "--ground", f"udpout:127.0.0.1:{ground_port}", "--lcm-url", url]
         watchers = PortLock.folder() / f"{GROUND_PORT}.claim"
@@ -278,8 +286,7 @@ class Flight:
             self._start_child("noctule-vision", [find_program("noctule-vision"), "--parameters", parameters,
                                                  "--lcm-url", camera_url, "--stats", self.folder / "log" / "vision-stats.json"])
             channels = "IMAGE|OBJECTS" if self.settings.log_images else "OBJECTS"
-            self._start_child("lcm-logger-camera", [logger, f"--lcm-url={camera_url}", f"--channel={channels}", "-f",
-                                                    self.folder / "camera.lcm"])
+            self._start_recorder("recorder-camera", camera_url, "camera.lcm", channels)
         if not self._order_start(station):
             return None
         begin = time.monotonic()
@@ -391,15 +398,15 @@ class Flight:
             self.progress.say(f"{self.died} (log/{sim.log.name})")
 
     def _end(self) -> None:
-        """Ends the simulator first, so that the log is complete, then the others, the loggers last."""
+        """Ends the simulator first, so that the log is complete, then the others, the recorders last."""
         if self.interrupted:
             self.progress.say("stopping")
         order = (("noctule-sim",), ("noctule-nav", "noctule-vision"), ("noctule-bridge",),
-                 ("lcm-logger", "lcm-logger-camera"))
+                 ("recorder", "recorder-camera"))
         forced = []
         for names in order:
             group = [c for c in self.children if c.name in names]
-            if names[0] == "lcm-logger" and group:
+            if names[0] == "recorder" and group:
                 time.sleep(0.3)                  # what was sent last is still on its way into the log
             forced += end_all(group, 10.0 if names[0] == "noctule-sim" else 5.0)
         if forced:

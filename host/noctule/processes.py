@@ -5,7 +5,6 @@ from __future__ import annotations
 import ctypes
 import fcntl
 import os
-import shutil
 import signal
 import socket
 import subprocess
@@ -109,18 +108,6 @@ def need_program(name: str) -> Path:
     path = find_program(name)
     if path is None:
         raise InputError(f"{name} is not built ({build_folder() / 'bin'}); run: make build")
-    return path
-
-
-def need_logger() -> str:
-    """Debian's lcm-logger.
-
-    Raises:
-        InputError: it is not installed.
-    """
-    path = "/usr/bin/lcm-logger" if os.access("/usr/bin/lcm-logger", os.X_OK) else shutil.which("lcm-logger")
-    if path is None:
-        raise InputError("lcm-logger is not installed; run: make setup")
     return path
 
 

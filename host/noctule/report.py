@@ -193,7 +193,7 @@ def build(run: Run) -> tuple[dict, score.PoseErrors, list[tuple[float, float]]]:
     settings, sim, stats, nav, truth = run.settings, run.sim, run.stats, run.flight.nav, run.truth
     rows = len(truth["t_s"])
     sim_time_s = float(sim.get("sim_time_s") or (truth["t_s"][-1] if rows else 0.0))
-    wall_time_s = float(settings.get("wall_time_s") or 0.0)
+    wall_time_s = float(sim.get("wall_time_s") or settings.get("wall_time_s") or 0.0)
     landed = bool(rows and not truth["armed"][-1] and truth["z_m"][-1] - truth["z_m"][0] < GROUND_HEIGHT_M
                   and np.any(truth["armed"]))
     errors = score.pose_errors(nav, truth, run.start)

@@ -88,6 +88,30 @@ def test_how_a_child_ended_is_said(tmp_path):
     child.close()
 
 
+def test_the_recorder_loses_nothing_of_a_burst_and_ends_when_asked(tmp_path):
+    # lcm-logger keeps 30 messages waiting and drops the rest; a tick of the lockstep brings about as many.
+    import lcm
+
+    from noctule import record
+
+    lock = PortLock.take_any()
+    url = processes.lcm_url(lock.port)
+    recorder = Child("r", [sys.executable, "-m", "noctule.recorder", url, tmp_path / "a.lcm"], tmp_path / "r.txt")
+    deadline = time.monotonic() + 20
+    while not recorder.last_line() and time.monotonic() < deadline:
+        time.sleep(0.02)
+    bus = lcm.LCM(url)
+    for burst in range(10):
+        for i in range(100):
+            bus.publish("IMU", bytes([burst, i]) * 40)
+        time.sleep(0.01)
+    time.sleep(0.3)
+    assert end_all([recorder]) == [] and recorder.process.returncode == 0
+    data = [d[:2] for channel, _, d in record.events(tmp_path / "a.lcm") if channel == "IMU"]
+    assert data == [bytes([burst, i]) for burst in range(10) for i in range(100)]
+    lock.release()
+
+
 def test_the_programs_are_looked_for_where_they_are_built(tmp_path, monkeypatch):
     monkeypatch.setenv("NOCTULE_BUILD", str(tmp_path))
     assert processes.find_program("noctule-nav") is None
