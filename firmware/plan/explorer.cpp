@@ -8,14 +8,15 @@ namespace noctule {
 
 namespace {
 
-constexpr std::int32_t kCostBudget = 8000;     ///< cells settled a step: about 1 ms
-constexpr std::int32_t kFieldBudget = 7000;
+constexpr std::int32_t kCostBudget = 16000;    ///< cells settled a step: about 1.5 ms
+constexpr std::int32_t kFieldBudget = 16000;
 constexpr std::int32_t kSweeps = 2;            ///< of the potential's window a step
 constexpr std::int32_t kRootRadius = 5;        ///< cells round start and goal where tight cells lead on
 constexpr std::uint32_t kBeyond = 30 * CostField::kUnit * 3;   ///< field computed this much farther than the vehicle
 constexpr std::int64_t kRefreshUs = 500000;    ///< age from which the field of a fixed place is computed anew
 constexpr std::int64_t kDwellUs = 300000;      ///< looking this long without news is in vain
 constexpr float kArrivedM = 0.15F;
+constexpr float kInSightRad = 2.0F;            ///< off the heading, what the laser is sure to see (270 degrees)
 constexpr float kFacingRad = 0.2F;
 constexpr float kSameGoalM = 0.5F;
 constexpr float kYawSlackRad = 0.35F;          ///< heading is corrected only when off by more
@@ -214,7 +215,7 @@ void Explorer::explore(const OccupancyGrid& grid, const Pose2<Map, Body>& pose, 
     work(grid, from, t_us, true);
     if (goal_.valid && !goal_.seen) {
         const float bearing = std::atan2(goal_.frontier.y_m - pose.y_m, goal_.frontier.x_m - pose.x_m);
-        const bool arrived = std::hypot(goal_.x_m - pose.x_m, goal_.y_m - pose.y_m) < kArrivedM && std::fabs(wrap_angle(bearing - pose.yaw_rad)) < kFacingRad;
+        const bool arrived = std::hypot(goal_.x_m - pose.x_m, goal_.y_m - pose.y_m) < kArrivedM && std::fabs(wrap_angle(bearing - pose.yaw_rad)) < kInSightRad;
         if (!arrived) {
             dwell_since_us_ = -1;
         } else if (dwell_since_us_ < 0) {

@@ -119,7 +119,7 @@ void FrontierSearch::gather(const OccupancyGrid& grid, const CellId seed) {
 
 // Rays from the frontier cell through free cells find the places that see it.
 bool FrontierSearch::view(const OccupancyGrid& grid, const Traversability& where, const CostField& from, const float distance_m,
-                          const CellId look, Frontier& best, const float home_x_m, const float home_y_m) const {
+                          const CellId look, Frontier& best, const float home_x_m, const float home_y_m, const bool past_corners) const {
     const GridGeometry& g = grid.geometry();
     const Cell c = grid.cell(look);
     const float x_m = g.centre_x_m(c);
@@ -141,6 +141,7 @@ bool FrontierSearch::view(const OccupancyGrid& grid, const Traversability& where
             const CellId id = reader.find(x_m + r * ux, y_m + r * uy);
             const CellClass kind = grid.cell_class(id);
             if (kind == CellClass::occupied) {
+                if (!past_corners) { break; }
                 // A corner fills a part of its cell only: the line is cut where it passes near the hit point itself.
                 float hx = 0.0F;
                 float hy = 0.0F;
@@ -208,15 +209,17 @@ bool FrontierSearch::run(const OccupancyGrid& grid, const Traversability& where,
         f.cells = static_cast<std::int32_t>(group_.size());
         bool waits = false;
         const std::size_t count = group_.size();
-        // The middle of the group first, then its ends.
-        for (const std::size_t member : {count / 2U, std::size_t{0}, count - 1U}) {
-            const Cell c = grid.cell(group_[member]);
-            const float distance_m = tried.distance_allowed_m(grid.geometry().centre_x_m(c), grid.geometry().centre_y_m(c), t_us);
-            if (!(distance_m > 0.0F)) {
-                waits = true;
-                continue;
+        // The middle of the group first, then its ends. Lines of sight close past corners only if there are no better ones.
+        for (int past_corners = 0; past_corners < 2 && f.view == kNoCell && !waits; ++past_corners) {
+            for (const std::size_t member : {count / 2U, std::size_t{0}, count - 1U}) {
+                const Cell c = grid.cell(group_[member]);
+                const float distance_m = tried.distance_allowed_m(grid.geometry().centre_x_m(c), grid.geometry().centre_y_m(c), t_us);
+                if (!(distance_m > 0.0F)) {
+                    waits = true;
+                    continue;
+                }
+                static_cast<void>(view(grid, where, from, distance_m, group_[member], f, home_x_m, home_y_m, past_corners == 1));
             }
-            static_cast<void>(view(grid, where, from, distance_m, group_[member], f, home_x_m, home_y_m));
         }
         if (f.view != kNoCell) {
             keep(f);

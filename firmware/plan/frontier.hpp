@@ -61,14 +61,14 @@ public:
     [[nodiscard]] static bool is_frontier(const OccupancyGrid& grid, CellId id);
 
 private:
-    static constexpr std::int32_t kTilesPerSlice = 10;
-    static constexpr std::int32_t kGroupsPerSlice = 10;
+    static constexpr std::int32_t kTilesPerSlice = 24;
+    static constexpr std::int32_t kGroupsPerSlice = 16;
     static constexpr std::int32_t kGroupRadius = 7;   ///< cells from the first one of a group; wider edges are several groups
     static constexpr std::size_t kGroupCells = 256;
     void scan_tile(const OccupancyGrid& grid, std::int32_t slot);
     void gather(const OccupancyGrid& grid, CellId seed);
     bool view(const OccupancyGrid& grid, const Traversability& where, const CostField& from, float distance_m, CellId look, Frontier& best,
-              float home_x_m, float home_y_m) const;
+              float home_x_m, float home_y_m, bool past_corners) const;
     [[nodiscard]] bool marked(const CellId id) const {
         return (marks_[static_cast<std::size_t>(id >> 12)][static_cast<std::size_t>((id >> 6) & 63)] >> static_cast<unsigned>(id & 63) & 1U) != 0U;
     }
