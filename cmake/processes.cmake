@@ -8,7 +8,7 @@ set_target_properties(noctule_link PROPERTIES POSITION_INDEPENDENT_CODE ON)
 
 # ---- app: one small main a process; what the mains share is noctule_app
 file(GLOB app_sources CONFIGURE_DEPENDS firmware/app/*.cpp)
-list(FILTER app_sources EXCLUDE REGEX "(_main|/sim_abi|/heap_count)\\.cpp$")
+list(FILTER app_sources EXCLUDE REGEX "(_main|_abi|/heap_count)\\.cpp$")
 add_library(noctule_app STATIC ${app_sources})
 target_link_libraries(noctule_app PUBLIC noctule_link PRIVATE noctule_options)
 
@@ -31,7 +31,7 @@ endif()
 # ---- for Python: the same Navigator in-process; and the allocator count that is preloaded into noctule-nav.
 # Neither goes together with the address sanitizer.
 if(NOT NOCTULE_SANITIZE)
-    add_library(noctule_sim_abi SHARED firmware/app/sim_abi.cpp)
+    add_library(noctule_sim_abi SHARED firmware/app/sim_abi.cpp firmware/app/altitude_abi.cpp)
     target_link_libraries(noctule_sim_abi PRIVATE noctule_link noctule_options)
     add_library(noctule_heap_count SHARED firmware/app/heap_count.cpp)
     target_include_directories(noctule_heap_count PRIVATE firmware)

@@ -20,6 +20,7 @@ inline constexpr std::size_t kMaxLcmSubscriptions = 16;  ///< channels one proce
 
 // Altitude.
 inline constexpr std::size_t kMaxLevels = 64;            ///< surfaces known at once; the least useful gives way
+inline constexpr std::size_t kMaxSurfaces = 32;          ///< floors and ceilings of a building handed out at once; more are left out
 inline constexpr std::size_t kMaxPaperLevels = 256;      ///< level entries of the paper's form; the oldest gives way
 
 // Map and plan.

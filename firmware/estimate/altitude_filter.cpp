@@ -167,6 +167,9 @@ void AltitudeFilter::propagate(const SensorFrame& frame, const std::int64_t t_us
         up_ = {-sp, sr * cp, cr * cp};
         accel_up_m_s2_ = up_[0] * static_cast<double>(s.accel_m_s2[0]) + up_[1] * static_cast<double>(s.accel_m_s2[1]) +
                          up_[2] * static_cast<double>(s.accel_m_s2[2]) - kGravity_m_s2;
+        // A slower stream leaves samples out; each stands for longer than it was measured over.
+        const double span_s = static_cast<double>(p_.alt_imu_span_s);
+        noise_share_ = imu_t_us_ < 0 ? 1.0 : std::max(1.0, seconds(s.t_us - imu_t_us_) / span_s);
         if (at_rest_ && !use_joint_) { paper_.learn_bias(accel_up_m_s2_); }
         const bool hole = s.t_us - imu_t_us_ > gap_us && imu_t_us_ >= 0;
         if (hole) { advance(s.t_us - gap_us, true); }
@@ -192,16 +195,18 @@ void AltitudeFilter::advance(const std::int64_t t_us, const bool blind) {
     joint_.predict_mean(accel, up, dt_s);
     for (std::size_t k = 0; k < up.size(); ++k) { pending_up_[k] += up[k] * dt_s; }
     pending_s_ += dt_s;
+    pending_noise_s_ += dt_s * (blind ? 1.0 : noise_share_);
     pending_blind_ = blind;
 }
 
 void AltitudeFilter::flush_covariance() {
     if (pending_s_ <= 0.0) { return; }
     for (double& u : pending_up_) { u /= pending_s_; }
-    joint_.predict_covariance(
-        pending_s_, pending_up_, static_cast<double>(pending_blind_ ? p_.alt_accel_blind_m_s2 : p_.alt_accel_noise_m_s2),
-        static_cast<double>(p_.alt_accel_walk_m_s2));
+    const double noise = static_cast<double>(pending_blind_ ? p_.alt_accel_blind_m_s2 : p_.alt_accel_noise_m_s2);
+    joint_.predict_covariance(pending_s_, pending_up_, noise * std::sqrt(pending_noise_s_ / pending_s_),
+                              static_cast<double>(p_.alt_accel_walk_m_s2));
     pending_s_ = 0.0;
+    pending_noise_s_ = 0.0;
     pending_up_ = {};
 }
 

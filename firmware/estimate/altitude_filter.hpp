@@ -57,6 +57,11 @@ public:
     /// Confirmed levels; entry 0 is the floor of the start.
     [[nodiscard]] const Bounded<Level, kMaxLevels>& levels() const { return published_; }
 
+    /// Floors (facing +1) and ceilings (facing -1) of the building, lowest first, each with the variance of its elevation
+    /// and the box in which it was seen. Levels that are one surface come as one. Empty in the paper's form.
+    /// Cost: levels squared; for the moments when somebody asks.
+    void surfaces(Bounded<Level, kMaxSurfaces>& out) const;
+
     [[nodiscard]] const AltitudeCounters& counters() const { return counters_; }
 
     /// Bias of the accelerometer along Body z (joint form).
@@ -130,6 +135,8 @@ private:
     AltitudeJoint::Up up_{0.0, 0.0, 1.0};    ///< third row of R_WB at the newest inertial sample
     double pending_s_ = 0.0;                 ///< time not yet in the covariance
     AltitudeJoint::Up pending_up_{};         ///< integral of up_ over that time
+    double pending_noise_s_ = 0.0;           ///< the same, each part times its noise_share_
+    double noise_share_ = 1.0;               ///< how much noisier than alt_accel_noise_m_s2 the present rate is, in variance
     bool pending_blind_ = false;
     AttitudeSample attitude_before_{};       ///< newest attitude at or before the time asked for
     float roll_rad_ = 0.0F;

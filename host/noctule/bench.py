@@ -8,6 +8,7 @@ a run is flown again when its settings or the built programs have changed.
 from __future__ import annotations
 
 import hashlib
+import importlib
 import json
 import os
 import re
@@ -164,6 +165,7 @@ def bench_flight(quick: bool, fresh: bool) -> list[dict]:
 
 
 BENCHES: dict[str, Callable[[bool, bool], list[dict]]] = {"flight": bench_flight}
+BENCHES["altitude"] = lambda quick, fresh: importlib.import_module("noctule.bench_altitude").bench_altitude(quick, fresh)
 
 
 def run(name: str, quick: bool = False, fresh: bool = False) -> list[dict]:
