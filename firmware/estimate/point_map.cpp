@@ -9,6 +9,7 @@ namespace {
 
 constexpr std::size_t kProbe = 8;           // slots tried for one key
 constexpr float kTrusted = 4.0F;            // points of a cell before it takes part
+constexpr float kElongated = 8.0F;          // ratio of variances from which a cell counts as a piece of a line
 constexpr float kCountCap = 400.0F;
 constexpr int kRounds = 6;
 constexpr std::int32_t kPointsMin = 8;
@@ -122,11 +123,22 @@ PoseMatch PointMap::match(const MatchPoints& points, const Pose2<Map, Body>& pre
             const float o = cell->xy;
             const float determinant = a * d - o * o;
             if (!(determinant > 0.0F)) { continue; }
+            const float middle = 0.5F * (a + d);
+            const float radius = std::sqrt(0.25F * (a - d) * (a - d) + o * o);
+            const float large = middle + radius;
+            const float small = middle - radius;
             const float ex = cell->mean_x_m - x_m;
             const float ey = cell->mean_y_m - y_m;
             float ixx = d / determinant;
             float ixy = -o / determinant;
             float iyy = a / determinant;
+            if (large > kElongated * small) {
+                // A piece of a line: where along it the mean lies is the cell's doing, so only the distance across counts.
+                const float scale = 1.0F / (small * 2.0F * radius);
+                ixx = scale * (large - a);
+                ixy = -scale * o;
+                iyy = scale * (large - d);
+            }
             const float d2 = ixx * ex * ex + 2.0F * ixy * ex * ey + iyy * ey * ey;
             const float softness = kRobust2 / (kRobust2 + d2);
             const float weight = softness * softness;

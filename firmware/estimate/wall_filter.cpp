@@ -10,15 +10,7 @@ namespace {
 
 constexpr float kDirectionGate = 0.96F;   // cosine of 16 degrees
 constexpr float kOffsetGate_m = 0.6F;     // across the wall; the statistical gate is far inside
-constexpr std::int16_t kTrustStart = 2;   // algorithms E
-constexpr std::int16_t kTrustGain = 2;
-constexpr std::int16_t kTrustCap = 80;
-constexpr std::uint32_t kLookPeriod = 4;  // default: every particle looks for its landmarks each so many scans
-constexpr float kSeeThrough_m = 0.25F;
-constexpr float kOccluded_m = 0.15F;
-// A landmark is never better known than this, so that it can still follow what the filter learns.
-constexpr float kLandmarkFloor_m2 = 2.5e-7F;
-constexpr float kLandmarkFloor_rad2 = 4.0e-8F;
+constexpr std::uint32_t kMergesPerStep = 2;  // particles whose landmarks are compared with one another in one step
 // Walls that differ in direction by less than its root (1 degree) count as parallel.
 constexpr float kParallel_rad2 = 3.0e-4F;
 
@@ -234,157 +226,6 @@ void WallFilter::fuse_match(const PoseMatch& match, const Pose2<Map, Body>& pred
     belief.pose = {belief.pose.x_m + step(0, 0), belief.pose.y_m + step(1, 0), wrap_angle(belief.pose.yaw_rad + step(2, 0))};
 }
 
-void WallFilter::learn(Landmark& landmark, const WallObservation& wall, const Pose2<Map, Body>& pose, const float noise_scale) const {
-    // Kalman update of (s, beta) at a pose taken as exact: H_F = [[1, -along], [0, 1]].
-    const float lever_m = landmark.along(pose.x_m, pose.y_m);
-    const LineMeasurement expected = landmark.predict(pose);
-    // z - z^ in the landmark's own form: s = rho + along * beta keeps H the identity.
-    const float d_beta = wrap_angle(wall.alpha_rad - expected.alpha_rad);
-    const float d_s = wall.rho_m - expected.rho_m + lever_m * d_beta;
-    const LineCovariance noise = wall.covariance.scaled(noise_scale).sheared(lever_m);
-    const LineCovariance& f = landmark.covariance;
-    const LineCovariance total = f + noise;
-    const float determinant = total.determinant();
-    const float i_ss = total.alpha_alpha / determinant;
-    const float i_sb = -total.rho_alpha / determinant;
-    const float i_bb = total.rho_rho / determinant;
-    const float k_ss = f.rho_rho * i_ss + f.rho_alpha * i_sb;
-    const float k_sb = f.rho_rho * i_sb + f.rho_alpha * i_bb;
-    const float k_bs = f.rho_alpha * i_ss + f.alpha_alpha * i_sb;
-    const float k_bb = f.rho_alpha * i_sb + f.alpha_alpha * i_bb;
-    landmark.s_m += k_ss * d_s + k_sb * d_beta;
-    landmark.set_beta(landmark.beta_rad + k_bs * d_s + k_bb * d_beta);
-    // F (F + N)^-1 N: symmetric, positive, and nothing is subtracted.
-    const LineCovariance updated{k_ss * noise.rho_rho + k_sb * noise.rho_alpha, k_ss * noise.rho_alpha + k_sb * noise.alpha_alpha,
-                                 k_bs * noise.rho_alpha + k_bb * noise.alpha_alpha};
-    landmark.covariance = {std::max(updated.rho_rho, kLandmarkFloor_m2), updated.rho_alpha, std::max(updated.alpha_alpha, kLandmarkFloor_rad2)};
-    const Point2<Map> end0 = pose * wall.at(wall.from_m);
-    const Point2<Map> end1 = pose * wall.at(wall.to_m);
-    landmark.from_m = std::min(landmark.from_m, landmark.along(end0.x_m, end0.y_m));
-    landmark.to_m = std::max(landmark.to_m, landmark.along(end1.x_m, end1.y_m));
-    landmark.trust = std::min<std::int16_t>(kTrustCap, static_cast<std::int16_t>(landmark.trust + kTrustGain));
-    landmark.seen = std::min<std::int16_t>(32000, static_cast<std::int16_t>(landmark.seen + 1));
-}
-
-Landmark& WallFilter::insert(Particle& particle, const WallObservation& wall, const Pose2<Map, Body>& pose) {
-    const std::int32_t most = std::clamp(parameters_.landmarks_max, 1, static_cast<std::int32_t>(kMaxLandmarks));
-    std::int32_t at = particle.count;
-    if (at >= most) {
-        at = 0;
-        for (std::int32_t i = 1; i < particle.count; ++i) {
-            if (particle.landmarks[static_cast<std::size_t>(i)].seen < particle.landmarks[static_cast<std::size_t>(at)].seen) { at = i; }
-        }
-        ++counters_.evicted;
-    } else {
-        ++particle.count;
-    }
-    Landmark& landmark = particle.landmarks[static_cast<std::size_t>(at)];
-    landmark = make_landmark(wall, pose);
-    landmark.trust = kTrustStart;
-    landmark.seen = 1;
-    return landmark;
-}
-
-Matrix<float, 3, 3> WallFilter::drift_of(const Particle& particle, const std::array<Assignment, kMaxWallsPerScan>& assigned,
-                                         const std::size_t walls) const {
-    // The errors of walls are common to them all, so they must not be averaged: in each of two directions the best tied wall counts.
-    const Landmark* first = nullptr;
-    float first_m2 = 0.0F;
-    float yaw_rad2 = -1.0F;
-    for (std::size_t j = 0; j < walls; ++j) {
-        if (assigned[j].landmark < 0) { continue; }
-        const Landmark& landmark = particle.landmarks[static_cast<std::size_t>(assigned[j].landmark)];
-        const float d_m2 = landmark.drift_from(landmark.along(particle.pose.x_m, particle.pose.y_m));
-        if (first == nullptr || d_m2 < first_m2) {
-            first = &landmark;
-            first_m2 = d_m2;
-        }
-        if (yaw_rad2 < 0.0F || landmark.drift_rad2 < yaw_rad2) { yaw_rad2 = landmark.drift_rad2; }
-    }
-    if (first == nullptr) { return map_drift_; }
-    const float c = first->cos_beta;
-    const float s = first->sin_beta;
-    // Along the first wall: the wall that says most about that direction, or what was believed before.
-    float second_m2 = s * s * map_drift_(0, 0) - 2.0F * c * s * map_drift_(0, 1) + c * c * map_drift_(1, 1);
-    float best_m2 = -1.0F;
-    for (std::size_t j = 0; j < walls; ++j) {
-        if (assigned[j].landmark < 0) { continue; }
-        const Landmark& landmark = particle.landmarks[static_cast<std::size_t>(assigned[j].landmark)];
-        const float across = -s * landmark.cos_beta + c * landmark.sin_beta;
-        if (across * across < 0.03F) { continue; }
-        const float d_m2 = landmark.drift_from(landmark.along(particle.pose.x_m, particle.pose.y_m)) / (across * across);
-        if (best_m2 < 0.0F || d_m2 < best_m2) { best_m2 = d_m2; }
-    }
-    if (best_m2 >= 0.0F) { second_m2 = best_m2; }
-    Matrix<float, 3, 3> drift;
-    drift(0, 0) = c * c * first_m2 + s * s * second_m2;
-    drift(0, 1) = c * s * (first_m2 - second_m2);
-    drift(1, 0) = drift(0, 1);
-    drift(1, 1) = s * s * first_m2 + c * c * second_m2;
-    drift(2, 2) = yaw_rad2;
-    return drift;
-}
-
-void WallFilter::tie(Landmark& landmark, const Pose2<Map, Body>& pose, const Matrix<float, 3, 3>& drift) const {
-    const float c = landmark.cos_beta;
-    const float s = landmark.sin_beta;
-    landmark.drift_m2 = c * c * drift(0, 0) + 2.0F * c * s * drift(0, 1) + s * s * drift(1, 1) + parameters_.wall_floor_m * parameters_.wall_floor_m;
-    landmark.drift_rad2 = drift(2, 2) + parameters_.wall_floor_rad * parameters_.wall_floor_rad;
-    landmark.tied_along_m = landmark.along(pose.x_m, pose.y_m);
-}
-
-void WallFilter::prepare_bearings(const LevelScan& scan) {
-    farthest_m_.fill(0.0F);
-    range_max_m_ = scan.range_max_m;
-    constexpr float kScale = static_cast<float>(kBearingBins) / (2.0F * kPi);
-    for (const ScanPoint& point : scan.points) {
-        const float bearing_rad = std::atan2(point.y_m, point.x_m);
-        const auto bin = static_cast<std::size_t>((bearing_rad + kPi) * kScale) % kBearingBins;
-        farthest_m_[bin] = std::max(farthest_m_[bin], std::hypot(point.x_m, point.y_m));
-    }
-}
-
-void WallFilter::look_for_landmarks(Particle& particle, const std::array<bool, kMaxLandmarks>& associated) {
-    const bool through_only = parameters_.visibility_through != 0;
-    constexpr float kScale = static_cast<float>(kBearingBins) / (2.0F * kPi);
-    const float c = std::cos(particle.pose.yaw_rad);
-    const float s = std::sin(particle.pose.yaw_rad);
-    for (std::int32_t i = particle.count - 1; i >= 0; --i) {
-        Landmark& landmark = particle.landmarks[static_cast<std::size_t>(i)];
-        if (through_only && associated[static_cast<std::size_t>(i)]) { continue; }
-        const float distance_m = landmark.before(particle.pose.x_m, particle.pose.y_m);
-        if (distance_m < 0.0F || distance_m > range_max_m_) { continue; }
-        std::int32_t in_view = 0;
-        std::int32_t passed = 0;
-        for (const float share : {0.25F, 0.5F, 0.75F}) {
-            const Point2<Map> p = landmark.at(landmark.from_m + share * (landmark.to_m - landmark.from_m));
-            const float dx = p.x_m - particle.pose.x_m;
-            const float dy = p.y_m - particle.pose.y_m;
-            const float range_m = std::hypot(dx, dy);
-            if (range_m > 0.95F * range_max_m_ || range_m < 0.3F) { continue; }
-            const float bearing_rad = std::atan2(c * dy - s * dx, c * dx + s * dy);
-            const auto bin = static_cast<std::size_t>((bearing_rad + kPi) * kScale) % kBearingBins;
-            if (farthest_m_[bin] <= 0.0F) { continue; }
-            if (!through_only) {
-                ++in_view;
-                continue;
-            }
-            if (distance_m < 0.25F * range_m || farthest_m_[bin] < range_m - kOccluded_m) { continue; }
-            ++in_view;
-            if (farthest_m_[bin] > range_m + kSeeThrough_m) { ++passed; }
-        }
-        if (in_view == 0) { continue; }
-        std::int16_t loss = 1;
-        if (through_only && passed == in_view) { loss = static_cast<std::int16_t>(kLookPeriod); }
-        landmark.trust = static_cast<std::int16_t>(landmark.trust - loss);
-        if (landmark.trust < 0) {
-            landmark = particle.landmarks[static_cast<std::size_t>(particle.count - 1)];
-            --particle.count;
-            ++counters_.removed;
-        }
-    }
-}
-
 void WallFilter::update_particle(Particle& particle, const std::size_t index, const WallObservations& walls, const PoseMatch& match) {
     Belief belief;
     belief.pose = particle.pose;
@@ -441,6 +282,9 @@ const WallFilter::Result& WallFilter::update(const WallObservations& walls, cons
     ++step_;
     prepare_bearings(scan);
     for (std::size_t i = 0; i < count(); ++i) { update_particle(particles_[i], i, walls, match); }
+    if (parameters_.visibility_through != 0) {
+        for (std::uint32_t k = 0; k < kMergesPerStep; ++k) { merge_landmarks(particles_[(step_ * kMergesPerStep + k) % count()]); }
+    }
     summarise();
     const float limit = parameters_.resample_share * static_cast<float>(count());
     if (result_.effective_particles < limit || parameters_.resample_share >= 1.0F) { resample(); }
@@ -558,17 +402,6 @@ void WallFilter::resample() {
     }
     for (std::size_t k = 0; k < n; ++k) { particles_[k].log_weight = 0.0F; }
     ++counters_.resampled;
-}
-
-void WallFilter::best_walls(Bounded<WallSegment, kMaxWalls>& out) const {
-    out.clear();
-    const Particle& particle = particles_[best_];
-    for (std::int32_t i = 0; i < particle.count; ++i) {
-        const Landmark& landmark = particle.landmarks[static_cast<std::size_t>(i)];
-        const LineCovariance covariance = landmark.covariance_at_origin();
-        static_cast<void>(out.push({landmark.hessian(), landmark.at(landmark.from_m), landmark.at(landmark.to_m), covariance.rho_rho,
-                                    covariance.alpha_alpha, landmark.seen}));
-    }
 }
 
 }  // namespace noctule

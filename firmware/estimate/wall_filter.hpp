@@ -38,6 +38,7 @@ public:
         std::uint32_t resampled = 0;
         std::uint32_t evicted = 0;   ///< landmarks that gave way to new ones, over all particles
         std::uint32_t removed = 0;   ///< landmarks removed because beams pass through them
+        std::uint32_t merged = 0;    ///< landmarks found to be one wall
         std::uint32_t restarts = 0;  ///< weights that had become meaningless
     };
 
@@ -79,6 +80,9 @@ private:
     /// Farthest measured range in each half degree of bearing, 0 where nothing was measured.
     static constexpr std::size_t kBearingBins = 720;
 
+    /// Default: every particle looks for its landmarks each so many scans.
+    static constexpr std::uint32_t kLookPeriod = 4;
+
     struct Assignment {
         std::int32_t landmark = -1;
         float noise_scale = 1.0F;  ///< the observation's covariance counts so many times
@@ -100,6 +104,7 @@ private:
     void learn(Landmark& landmark, const WallObservation& wall, const Pose2<Map, Body>& pose, float noise_scale) const;
     Landmark& insert(Particle& particle, const WallObservation& wall, const Pose2<Map, Body>& pose);
     void look_for_landmarks(Particle& particle, const std::array<bool, kMaxLandmarks>& associated);
+    void merge_landmarks(Particle& particle);
     void prepare_bearings(const LevelScan& scan);
     void summarise();
     void resample();

@@ -115,6 +115,33 @@ struct Landmark {
     }
 };
 
+/// (s, beta) of one landmark and its covariance, with s counted from another landmark's anchor.
+[[nodiscard]] inline LineMeasurement line_from_anchor_of(const Landmark& landmark, const Landmark& other, LineCovariance& covariance) {
+    const float dx_m = landmark.anchor_x_m - other.anchor_x_m;
+    const float dy_m = landmark.anchor_y_m - other.anchor_y_m;
+    covariance = landmark.covariance.sheared(-landmark.sin_beta * dx_m + landmark.cos_beta * dy_m);
+    return {landmark.s_m + landmark.cos_beta * dx_m + landmark.sin_beta * dy_m, landmark.beta_rad};
+}
+
+/// Product of two Gaussians: the landmark takes in (s, beta) with a covariance, both from its own anchor.
+inline void fuse_line(Landmark& landmark, const float d_s, const float d_beta, const LineCovariance& noise) {
+    const LineCovariance f = landmark.covariance;
+    const LineCovariance total = f + noise;
+    const float determinant = total.determinant();
+    const float i_ss = total.alpha_alpha / determinant;
+    const float i_sb = -total.rho_alpha / determinant;
+    const float i_bb = total.rho_rho / determinant;
+    const float k_ss = f.rho_rho * i_ss + f.rho_alpha * i_sb;
+    const float k_sb = f.rho_rho * i_sb + f.rho_alpha * i_bb;
+    const float k_bs = f.rho_alpha * i_ss + f.alpha_alpha * i_sb;
+    const float k_bb = f.rho_alpha * i_sb + f.alpha_alpha * i_bb;
+    landmark.s_m += k_ss * d_s + k_sb * d_beta;
+    landmark.set_beta(landmark.beta_rad + k_bs * d_s + k_bb * d_beta);
+    // F (F + N)^-1 N: symmetric, positive, and nothing is subtracted.
+    landmark.covariance = {k_ss * noise.rho_rho + k_sb * noise.rho_alpha, k_ss * noise.rho_alpha + k_sb * noise.alpha_alpha,
+                           k_bs * noise.rho_alpha + k_bb * noise.alpha_alpha};
+}
+
 /// A new landmark from an observation made at a pose taken as exact. Its anchor is the middle of what was seen.
 [[nodiscard]] inline Landmark make_landmark(const WallObservation& wall, const Pose2<Map, Body>& pose) {
     Landmark landmark;
