@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdlib>
 #include <limits>
 
 namespace noctule {
@@ -10,6 +11,7 @@ namespace {
 constexpr double kGravity_m_s2 = 9.80665;
 constexpr float kAccelLimit_m_s2 = 200.0F;  // beyond any sensor's scale
 constexpr std::int64_t kFuture_us = 50000;  // a range may be stamped this much after the scan that ends its frame
+constexpr std::int32_t kStairTreads = 2;    // so many risers in a row are stairs
 constexpr std::int64_t kPair_us = 20000;    // an up and a down range this close are judged together
 
 double seconds(const std::int64_t us) { return static_cast<double>(us) * 1.0e-6; }
@@ -278,6 +280,35 @@ bool AltitudeFilter::read_range(const RangeSample& sample, const RangeSide side,
     return true;
 }
 
+// Stairs are surfaces that follow each other in one direction, each a riser from the one before.
+void AltitudeFilter::count_treads() {
+    const std::int32_t slot = shown_[index_of(RangeSide::down)];
+    if (slot < 0) { return; }
+    const double z = elevation(static_cast<std::size_t>(slot));
+    const double rise = z - walked_z_m_;
+    if (std::fabs(rise) < static_cast<double>(p_.alt_merge_m)) {
+        walked_z_m_ = z;  // the same surface, known better
+    } else {
+        const bool riser = std::fabs(rise) <= static_cast<double>(p_.stair_riser_max_m);
+        const std::int32_t way = rise > 0.0 ? 1 : -1;
+        treads_ = !riser ? 0 : (treads_ * way > 0 ? treads_ + way : way);
+        walked_z_m_ = z;
+    }
+    estimate_.on_stairs = std::abs(treads_) >= kStairTreads && !slots_[static_cast<std::size_t>(slot)].level.floor;
+}
+
+double AltitudeFilter::floor_under(const double z_m) const {
+    double best = elevation(static_cast<std::size_t>(floor_slot_));
+    bool found = best <= z_m;
+    for (std::size_t i = 0; i < slots_.size(); ++i) {
+        const double z = elevation(i);
+        if (!slots_[i].level.floor || z > z_m || (found && z <= best)) { continue; }
+        best = z;
+        found = true;
+    }
+    return best;
+}
+
 void AltitudeFilter::publish(const std::int64_t t_us) {
     constexpr float kUnknown = std::numeric_limits<float>::quiet_NaN();
     using J = AltitudeJoint;
@@ -293,7 +324,9 @@ void AltitudeFilter::publish(const std::int64_t t_us) {
             level.z_var_m2 = static_cast<float>(joint_.covariance(J::kFirstLevel + i, J::kFirstLevel + i));
             if (slots_[i].confirmed) { (void)published_.push(level); }
         }
-        estimate_.floor_z_m = static_cast<float>(elevation(static_cast<std::size_t>(floor_slot_)));
+        count_treads();
+        estimate_.floor_z_m = static_cast<float>(estimate_.on_stairs ? floor_under(walked_z_m_)
+                                                                     : elevation(static_cast<std::size_t>(floor_slot_)));
     } else {
         estimate_.z_m = static_cast<float>(paper_.z_m());
         estimate_.vz_m_s = static_cast<float>(paper_.vz_m_s());

@@ -107,6 +107,8 @@ private:
     void merge_around(std::size_t slot);
     void classify_floor(std::size_t slot);
     void publish(std::int64_t t_us);
+    void count_treads();
+    [[nodiscard]] double floor_under(double z_m) const;
     [[nodiscard]] double elevation(std::size_t slot) const { return joint_.mean(AltitudeJoint::kFirstLevel + slot); }
 
     const Parameters& p_;
@@ -122,6 +124,8 @@ private:
     std::array<Watch, 2> watch_{};
     std::int32_t floor_slot_ = 0;
     std::int32_t drift_votes_ = 0;
+    double walked_z_m_ = 0.0;                ///< elevation of the surface last flown over
+    std::int32_t treads_ = 0;                ///< risers in a row, positive upwards, negative downwards
 
     bool started_ = false;
     bool at_rest_ = true;                    ///< on the ground, not armed (assumed until the vehicle says otherwise)

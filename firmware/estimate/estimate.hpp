@@ -35,7 +35,8 @@ struct AltitudeEstimate {
     float vz_var_m2_s2 = 1.0F;
     float ground_z_m = std::numeric_limits<float>::quiet_NaN();   ///< surface under the vehicle
     float ceiling_z_m = std::numeric_limits<float>::quiet_NaN();  ///< surface over the vehicle
-    float floor_z_m = 0.0F;         ///< elevation of the building's floor at this place (not of a table)
+    float floor_z_m = 0.0F;         ///< elevation of the building's floor at this place (not of a table); on stairs the lower one
+    bool on_stairs = false;         ///< the surfaces below came one after the other as treads do
     bool valid = false;             ///< false: no range reading for so long that z is not to be trusted
 };
 

@@ -109,7 +109,15 @@ float Mission::height_wanted_m(const Estimate& estimate) const {
     const AltitudeEstimate& a = estimate.altitude;
     const float half_hull_m = 0.5F * p_.hull_height_m;
     float z_m = a.floor_z_m + p_.cruise_height_m;
-    if (std::isfinite(a.ground_z_m)) { z_m = std::max(z_m, a.ground_z_m + half_hull_m + p_.vertical_clearance_m); }
+    if (std::isfinite(a.ground_z_m)) {
+        const float furniture_m = half_hull_m + p_.vertical_clearance_m;
+        if (a.on_stairs) {
+            const float tread_m = a.ground_z_m + std::max(furniture_m, p_.stair_height_m);
+            z_m = a.floor_z_m > a.ground_z_m ? tread_m : std::max(z_m, tread_m);  // down to a floor not yet seen: by the treads alone
+        } else {
+            z_m = std::max(z_m, a.ground_z_m + furniture_m);
+        }
+    }
     if (std::isfinite(a.ceiling_z_m)) { z_m = std::min(z_m, a.ceiling_z_m - half_hull_m - p_.vertical_clearance_m); }
     return z_m;
 }
