@@ -10,7 +10,7 @@ namespace {
 
 constexpr float kDirectionGate = 0.96F;   // cosine of 16 degrees
 constexpr float kOffsetGate_m = 0.6F;     // across the wall; the statistical gate is far inside
-constexpr std::uint32_t kMergesPerStep = 2;  // particles whose landmarks are compared with one another in one step
+constexpr std::uint32_t kMergesPerStep = 10;  // particles whose landmarks are compared with one another in one step
 // Walls that differ in direction by less than its root (1 degree) count as parallel.
 constexpr float kParallel_rad2 = 3.0e-4F;
 
@@ -274,7 +274,15 @@ void WallFilter::update_particle(Particle& particle, const std::size_t index, co
     }
     if (parameters_.visibility_through == 0 || (step_ + index) % kLookPeriod == 0) { look_for_landmarks(particle, associated); }
     for (std::size_t j = 0; j < walls.size(); ++j) {
-        if (assigned[j].landmark < 0) { tie(insert(particle, walls[j], particle.pose), particle.pose, absolute); }
+        if (assigned[j].landmark >= 0) { continue; }
+        // Two pieces of one wall, a door between, may both be new in this sweep: the second goes to the landmark of the first.
+        belief.pose = particle.pose;
+        const std::int32_t l = associate(particle, belief, walls[j]);
+        if (l >= 0) {
+            learn(particle.landmarks[static_cast<std::size_t>(l)], walls[j], particle.pose, 1.0F);
+        } else {
+            tie(insert(particle, walls[j], particle.pose), particle.pose, absolute);
+        }
     }
 }
 
