@@ -120,12 +120,15 @@ def series_svg(errors: PoseErrors, nav: dict, truth: dict, start: StartPose, lev
     if len(truth["t_s"]):
         altitude.plot(truth["t_s"], truth["z_m"] - start.z_m, color=TRUE_COLOUR, linewidth=1.6, label="true")
     if len(nav["t_us"]):
-        altitude.plot(nav["t_us"] * 1e-6, nav["z_m"], color=ESTIMATE_COLOUR, linewidth=0.8, label="estimate")
+        t_s = nav["t_us"] * 1e-6
+        altitude.plot(t_s, nav["z_m"], color=ESTIMATE_COLOUR, linewidth=0.8, label="estimate")
+        for field, label in (("ground_z_m", "surface under the vehicle"), ("ceiling_z_m", "surface over it")):
+            altitude.plot(t_s, nav[field], ".", color=SOLID_COLOUR if field == "ground_z_m" else WALL_COLOUR, markersize=1.5, label=label)
     for n, z in enumerate(levels_m):
-        altitude.axhline(z, color=WALL_COLOUR, linewidth=0.7, linestyle="--", label="levels" if n == 0 else None)
+        altitude.axhline(z, color=WALL_COLOUR, linewidth=0.5, linestyle="--", label="levels found" if n == 0 else None)
     altitude.set_ylabel("altitude [m], Map")
     if altitude.get_legend_handles_labels()[0]:
-        altitude.legend(fontsize=7, ncols=3, frameon=False)
+        altitude.legend(fontsize=7, ncols=5, frameon=False, loc="upper left", bbox_to_anchor=(0.0, 1.18))
     if explored:
         t, v = zip(*explored)
         share.plot(t, 100.0 * np.array(v), color=TRUE_COLOUR, linewidth=1.2)

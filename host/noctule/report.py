@@ -188,6 +188,16 @@ def explored(run: Run) -> tuple[list[dict], list[tuple[float, float]]]:
     return rows, series
 
 
+def levels_found(levels, true_levels_m: list[float]) -> list[dict]:
+    """report.json's `levels` of the last levels_t (or None), lowest first: elevation with sigma, facing, and the box where it was seen."""
+    order = sorted(range(levels.count), key=lambda i: levels.z_m[i]) if levels is not None else []
+    matches = score.match_levels([levels.z_m[i] for i in order], true_levels_m)
+    return [{"elevation_m": _number(m["elevation_m"], 4), "true_elevation_m": _number(m["true_elevation_m"], 4),
+             "sigma_m": _number(math.sqrt(max(levels.z_var_m2[i], 0.0)), 4), "facing": int(levels.facing[i]),
+             "extent_m": [_number(v[i], 3) for v in (levels.x_min_m, levels.y_min_m, levels.x_max_m, levels.y_max_m)]}
+            for i, m in zip(order, matches)]
+
+
 def build(run: Run) -> tuple[dict, score.PoseErrors, list[tuple[float, float]]]:
     """report.json's content, the error series and the explored share over time."""
     settings, sim, stats, nav, truth = run.settings, run.sim, run.stats, run.flight.nav, run.truth
@@ -200,7 +210,6 @@ def build(run: Run) -> tuple[dict, score.PoseErrors, list[tuple[float, float]]]:
     interval = score.flight_interval(truth["t_s"], truth["z_m"], truth["armed"]) if rows else None
     floors, series = explored(run)
     levels = run.flight.levels
-    found = list(levels.z_m[:levels.count]) if levels is not None else []
     true_levels = score.true_levels_m(run.world.primitives(), run.world.floors, run.start.z_m)
     step_us = stats.get("step_us") or {}
     if not step_us and nav["step_us"].size:
@@ -227,8 +236,7 @@ def build(run: Run) -> tuple[dict, score.PoseErrors, list[tuple[float, float]]]:
         "yaw_error_rad": _spread(errors.yaw_rad),
         "altitude_error_m": _spread(errors.altitude_m),
         "floors": floors,
-        "levels": [{"elevation_m": _number(r["elevation_m"], 4), "true_elevation_m": _number(r["true_elevation_m"], 4)}
-                   for r in score.match_levels(found, true_levels)],
+        "levels": levels_found(levels, true_levels),
         "objects": [],
         "landed": landed,
         "home_error_m": _number(score.home_error_m(truth), 4),

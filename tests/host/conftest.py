@@ -88,7 +88,9 @@ def write_run(folder, mistakes=0.0, states=None, run=None, sim=None):
         log.write_event(t_us, "NAV", message.encode())
     message = levels_t()
     message.count = 2
-    message.z_m[0], message.z_m[1] = 0.004, 2.49
+    message.z_m[0], message.z_m[1] = 2.49, 0.004
+    message.facing[0], message.facing[1] = -1, 1
+    message.z_var_m2[1], message.x_min_m[1], message.y_max_m[1] = 1e-6, -2.0, 3.0
     log.write_event(1, "LEVELS", message.encode())
     log.close()
     return folder

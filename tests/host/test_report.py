@@ -33,7 +33,9 @@ def test_every_figure_of_a_known_flight(make_run):
     assert floor["explorable_area_m2"] == pytest.approx(24.0 + 2.0, abs=0.05)
     assert floor["explored_fraction"] == 1.0
     assert floor["time_to_95_s"] == floor["time_to_99_s"] == pytest.approx(7.55)
-    assert result["levels"][0] == {"elevation_m": 0.004, "true_elevation_m": 0.0}
+    assert result["levels"][0] == {"elevation_m": 0.004, "true_elevation_m": 0.0, "sigma_m": 0.001, "facing": 1,
+                                   "extent_m": [-2.0, 0.0, 0.0, 3.0]}
+    assert [level["facing"] for level in result["levels"]] == [1, -1]
 
 
 def test_unknown_cells_lower_the_explored_share_and_its_times_are_null(make_run):
