@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import ctypes
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -315,6 +315,8 @@ def stair_flight() -> Flight:
     return Flight("stairs", solids, tuple(legs), (0.0, 2.5), (0.0, 2.5), (5.0,))
 
 
-def profile_with(name: str, **changes) -> Profile:
-    """A sensor profile of noctule_sim with changes."""
-    return replace(PROFILES[name], **changes)
+def many_levels_flight(treads: int = 70) -> Flight:
+    """Along more surfaces than the filter holds, 0.08 m from one to the next, and 15 s of hovering at their end."""
+    solids = (FLOOR, *(Solid(1.0 + 0.5 * k, 1.5 + 0.5 * k, 0.0, 0.08 * (k + 1)) for k in range(treads)))
+    end, top = 1.0 + 0.5 * treads - 0.25, 0.08 * treads + 1.0
+    return Flight("many levels", solids, ((3.0, 0.0, 1.0), (2.0 * end, end, top), (15.0, end, top)))

@@ -215,7 +215,7 @@ def rows(quick: bool, fresh: bool) -> list[dict]:
     stairs = [fly(STAIRS, seed) for seed in seeds]
     cm = 100.0
     floor = [np.abs(v.z_m - KEPT_M).max(initial=0.0) for v in tables]
-    before = [np.abs((v.z_m - KEPT_M)[v.below_m < 0.05][:-1]).max(initial=0.0) for v in stairs]
+    before = [np.abs((v.z_m - KEPT_M)[np.cumsum(v.below_m > 0.05) == 0]).max(initial=0.0) for v in stairs]
     edges = [np.abs(edge_steps_m(v)).max(initial=0.0) for v in tables]
     treads = [np.abs(tread_errors_m(v)).max(initial=9.0 if not v.finished else 0.0) for v in stairs]
     nearest = [(v.z_m - v.below_m).min(initial=9.0) for v in stairs]
