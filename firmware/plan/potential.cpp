@@ -45,13 +45,13 @@ void Potential::relax(const OccupancyGrid& grid, const Traversability& where, co
         }
     }
     if (!full_) {
+        constexpr std::int32_t kNowhere = std::numeric_limits<std::int32_t>::max();
         // Entries outside the window still name cells of the field before: give them a name that no lookup asks for.
         for (std::int32_t iy = 0; iy < kWindow; ++iy) {
             for (std::int32_t ix = 0; ix < kWindow; ++ix) {
                 Entry& e = ring_[static_cast<std::size_t>(iy * kWindow + ix)];
-                if (std::abs(e.cell.ix - centre.ix) > half || std::abs(e.cell.iy - centre.iy) > half) {
-                    e.cell = {std::numeric_limits<std::int32_t>::max(), 0};
-                }
+                if (e.cell.ix == kNowhere) { continue; }
+                if (std::abs(e.cell.ix - centre.ix) > half || std::abs(e.cell.iy - centre.iy) > half) { e.cell = {kNowhere, 0}; }
             }
         }
         full_ = true;
