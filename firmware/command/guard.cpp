@@ -96,6 +96,16 @@ bool Guard::keep_clear(const Estimate& estimate, const float dt_s) {
         out_.y_m = pose.y_m + safe * dy;
         break;
     }
+    // A vehicle that is off its setpoint on the wrong side: the setpoint lies as far on the other side of the margin, no farther.
+    if (here_m < wanted_m && here_m > 1e-3F) {
+        static_cast<void>(nearest_m(pose.x_m, pose.y_m, hx, hy));
+        const float nx = (pose.x_m - hx) / here_m;
+        const float ny = (pose.y_m - hy) / here_m;
+        const float have = (out_.x_m - hx) * nx + (out_.y_m - hy) * ny;
+        const float push = std::max(0.0F, 2.0F * wanted_m - here_m - have);
+        out_.x_m += push * nx;
+        out_.y_m += push * ny;
+    }
     for (int round = 0; round < kPushRounds; ++round) {
         const float d = nearest_m(out_.x_m, out_.y_m, hx, hy);
         if (d >= wanted_m || d < 1e-3F) { break; }

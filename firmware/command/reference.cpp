@@ -12,9 +12,10 @@ namespace {
 
 constexpr float kMaxGapS = 0.2F;
 constexpr float kBrakeShare = 0.6F;      ///< of the acceleration limit that the speed profile counts on; the rest is for jerk and curves
+constexpr float kCurveShare = 0.35F;      ///< of the acceleration limit in curves: a vehicle with a lag swings out in proportion to it
 constexpr float kVelocityTimeS = 0.2F;   ///< in which the velocity wanted is reached, limits permitting
-constexpr float kAheadM = 0.20F;         ///< least distance at which the path is aimed at
-constexpr float kAheadS = 0.30F;         ///< and more with speed
+constexpr float kAheadM = 0.12F;         ///< least distance at which the path is aimed at
+constexpr float kAheadS = 0.20F;         ///< and more with speed
 constexpr std::size_t kCurveSpan = 3;    ///< points before and after over which the path's curve is measured
 constexpr float kDoneM = 0.01F;
 constexpr float kHeightTimeS = 0.5F;
@@ -60,7 +61,7 @@ float Reference::allowed_speed_m_s(const Target& target) const {
             if (in > 1e-3F && out > 1e-3F) {
                 const float turn = std::fabs(wrap_angle(std::atan2(c.y_m - b.y_m, c.x_m - b.x_m) - std::atan2(b.y_m - a.y_m, b.x_m - a.x_m)));
                 const float curvature_per_m = 2.0F * turn / (in + out);
-                limit = std::min(limit, std::sqrt(p_.accel_max_m_s2 / std::max(curvature_per_m, 1e-3F)));
+                limit = std::min(limit, std::sqrt(kCurveShare * p_.accel_max_m_s2 / std::max(curvature_per_m, 1e-3F)));
             }
         }
         speed = std::min(speed, limit);

@@ -14,7 +14,7 @@ constexpr float kFirstTryShare = 0.6F;    ///< each try in vain brings the next 
 constexpr float kCutsCells = 0.4F;        ///< a line of sight this near to a hit point is cut there
 constexpr std::int32_t kTriesPerRound = 3;
 constexpr float kDistanceCost = 0.6F;    ///< metres of way that a metre less of viewing distance is worth
-constexpr float kTightCost = 0.4F;        ///< metres of way that a viewpoint with room round it is worth, times its slowness over one
+constexpr float kTightCost = 1.2F;        ///< metres of way that a viewpoint with room round it is worth, times its slowness over one
 
 /// Class of the cell at a point, remembering the tile: rays stay in one for long.
 class Reader {
