@@ -316,7 +316,7 @@ def stair_flight() -> Flight:
 
 
 def many_levels_flight(treads: int = 70) -> Flight:
-    """Along more surfaces than the filter holds, 0.08 m from one to the next, and 15 s of hovering at their end."""
-    solids = (FLOOR, *(Solid(1.0 + 0.5 * k, 1.5 + 0.5 * k, 0.0, 0.08 * (k + 1)) for k in range(treads)))
-    end, top = 1.0 + 0.5 * treads - 0.25, 0.08 * treads + 1.0
+    """Along more surfaces than the filter holds, 0.15 m from one to the next, and 15 s of hovering at their end."""
+    solids = (FLOOR, *(Solid(1.0 + 0.5 * k, 1.5 + 0.5 * k, 0.0, 0.15 * (k + 1)) for k in range(treads)))
+    end, top = 1.0 + 0.5 * treads - 0.25, 0.15 * treads + 1.0
     return Flight("many levels", solids, ((3.0, 0.0, 1.0), (2.0 * end, end, top), (15.0, end, top)))
