@@ -132,11 +132,11 @@ void covariance_matches_the_spread_of_many_sweeps() {
     parameters.wall_floor_rad = 0.0F;
     test::PlanarWorld world;
     world.segments.push_back({1.0, 2.0, 3.5, 2.0});
-    double rr = 0.0, ra = 0.0, aa = 0.0;
+    double rr = 0.0, ra = 0.0, aa = 0.0, mm = 0.0;  // mm: across the wall at its middle
     LineCovariance claimed;
     int n = 0;
     auto eye = std::make_unique<Eye>(world, 0.0, 0.0, 0.0, 0.01, 11U, parameters);
-    double mean_r = 0.0, mean_a = 0.0;
+    double mean_r = 0.0, mean_a = 0.0, mean_m = 0.0, claimed_m = 0.0;
     for (int i = 0; i < 600; ++i) {
         const WallObservations& walls = eye->look();
         const WallObservation* wall = find(walls, 2.0F, 0.5F * kPi);
@@ -148,6 +148,10 @@ void covariance_matches_the_spread_of_many_sweeps() {
         rr += r * r;
         ra += r * a;
         aa += a * a;
+        const double m = r - static_cast<double>(wall->lever_m) * a;
+        mean_m += m;
+        mm += m * m;
+        claimed_m += static_cast<double>(wall->covariance.sheared(-wall->lever_m).rho_rho) / 600.0;
         claimed = claimed + wall->covariance;
         ++n;
     }
@@ -156,11 +160,13 @@ void covariance_matches_the_spread_of_many_sweeps() {
     rr = rr / n - mean_r * mean_r;
     ra = ra / n - mean_r * mean_a;
     aa = aa / n - mean_a * mean_a;
+    mm = mm / n - mean_m * mean_m / n / n;
     claimed = claimed.scaled(1.0F / static_cast<float>(n));
     TEST_ASSERT_TRUE(std::abs(mean_r) < 5e-4);
     TEST_ASSERT_TRUE(rr / static_cast<double>(claimed.rho_rho) > 0.7 && rr / static_cast<double>(claimed.rho_rho) < 1.4);
     TEST_ASSERT_TRUE(aa / static_cast<double>(claimed.alpha_alpha) > 0.7 && aa / static_cast<double>(claimed.alpha_alpha) < 1.4);
     TEST_ASSERT_TRUE(ra / static_cast<double>(claimed.rho_alpha) > 0.7 && ra / static_cast<double>(claimed.rho_alpha) < 1.4);
+    TEST_ASSERT_TRUE(mm / claimed_m > 0.7 && mm / claimed_m < 1.4);
 }
 
 void more_walls_than_fit_lose_the_shortest() {
