@@ -291,7 +291,13 @@ void AltitudeFilter::count_treads() {
     } else {
         const bool riser = std::fabs(rise) <= static_cast<double>(p_.stair_riser_max_m);
         const std::int32_t way = rise > 0.0 ? 1 : -1;
-        treads_ = !riser ? 0 : (treads_ * way > 0 ? treads_ + way : way);
+        if (!riser) {
+            treads_ = 0;
+        } else if (treads_ * way > 0) {
+            treads_ += way;
+        } else {  // turned round: on stairs that does not make them anything else
+            treads_ = std::abs(treads_) >= kStairTreads ? way * kStairTreads : way;
+        }
         walked_z_m_ = z;
     }
     estimate_.on_stairs = std::abs(treads_) >= kStairTreads && !slots_[static_cast<std::size_t>(slot)].level.floor;

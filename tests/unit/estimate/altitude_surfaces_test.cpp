@@ -87,6 +87,26 @@ void stairs_are_known_on_the_third_surface_up_and_down() {
     TEST_ASSERT_DOUBLE_WITHIN(0.02, 0.0, highest_floor_m);
 }
 
+void turning_round_on_the_stairs_leaves_them_stairs() {
+    altitude_test::World world;
+    world.ground_m = [](const double x) { return x < 1.0 ? 0.0 : std::fmin(std::floor((x - 1.0) / 0.28) + 1.0, 14.0) * 0.18; };
+    world.ceiling_m = [](double) { return 4.66; };
+    // Up over eight treads, then to and fro over the edge of one.
+    Flight flight{world, {{2.5, 0.0, 0.88}, {2.0, 0.9, 0.0}, {8.0, 2.3, 1.0}, {2.0, -0.3, 0.0}, {2.0, 0.3, 0.0}, {2.0, -0.3, 0.0}, {2.0, 0.3, 0.0}}};
+    const auto filter = std::make_unique<AltitudeFilter>(kDefaults);
+    int changes = 0;
+    int off = 0;
+    float before_m = 0.0F;
+    (void)flight.run(*filter, Sensors{}, 7, [&](const Truth& truth, const AltitudeEstimate& e) {
+        if (truth.t_s < 13.5) { return; }
+        off += e.on_stairs ? 0 : 1;
+        changes += std::fabs(e.ground_z_m - before_m) > 0.1F ? 1 : 0;
+        before_m = e.ground_z_m;
+    });
+    TEST_ASSERT_TRUE_MESSAGE(changes >= 4, "the scene has no turn over an edge");
+    TEST_ASSERT_EQUAL_INT(0, off);
+}
+
 void tables_are_never_stairs() {
     const auto filter = std::make_unique<AltitudeFilter>(kDefaults);
     Flight flight = altitude_test::table_flight(6);
@@ -120,6 +140,7 @@ int main() {
     RUN_TEST(stairwell_gives_two_floors_and_two_ceilings_and_no_tread);
     RUN_TEST(table_and_lintel_are_no_surfaces_of_the_building);
     RUN_TEST(stairs_are_known_on_the_third_surface_up_and_down);
+    RUN_TEST(turning_round_on_the_stairs_leaves_them_stairs);
     RUN_TEST(tables_are_never_stairs);
     RUN_TEST(slow_inertial_stream_counts_as_noisier);
     return UNITY_END();
