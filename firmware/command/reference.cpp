@@ -11,8 +11,10 @@ namespace noctule {
 namespace {
 
 constexpr float kMaxGapS = 0.2F;
-constexpr float kBrakeShare = 0.6F;      ///< of the acceleration limit that the speed profile counts on; the rest is for jerk and curves
-constexpr float kCurveShare = 0.35F;      ///< of the acceleration limit in curves: a vehicle with a lag swings out in proportion to it
+constexpr float kBrakeShare = 0.4F;      ///< of the acceleration limit that the speed profile counts on; the rest is for jerk and curves
+constexpr float kCurveShare = 0.3F;       ///< of the acceleration limit in curves: a vehicle with a lag swings out in proportion to it
+constexpr float kGentleShare = 0.25F;     ///< of the acceleration limit in the narrowest place
+constexpr float kRoomAheadM = 1.0F;       ///< of the path over which narrow places are looked for
 constexpr float kVelocityTimeS = 0.2F;   ///< in which the velocity wanted is reached, limits permitting
 constexpr float kAheadM = 0.12F;         ///< least distance at which the path is aimed at
 constexpr float kAheadS = 0.20F;         ///< and more with speed
@@ -67,6 +69,18 @@ float Reference::allowed_speed_m_s(const Target& target) const {
         speed = std::min(speed, limit);
     }
     return speed;
+}
+
+// Least speed that the clearances of the next metre allow, as a share of the greatest.
+float Reference::room_ahead(const Target& target) const {
+    const auto& path = target.path;
+    float least_m = 10.0F;
+    float gone_m = 0.0F;
+    for (std::size_t k = 0; k < path.size() && gone_m < kRoomAheadM; ++k) {
+        if (k > 0U) { gone_m += std::hypot(path[k].x_m - path[k - 1U].x_m, path[k].y_m - path[k - 1U].y_m); }
+        least_m = std::min(least_m, path[k].clearance_m);
+    }
+    return speed_at_clearance_m_s(p_, least_m) / p_.speed_max_m_s;
 }
 
 void Reference::move_along(const Target& target, const Estimate& estimate, const float dt_s) {
@@ -126,10 +140,12 @@ void Reference::move_along(const Target& target, const Estimate& estimate, const
     // Acceleration towards the velocity wanted, limited in size and in change.
     float ax = (want_vx - now_.vx_m_s) / kVelocityTimeS;
     float ay = (want_vy - now_.vy_m_s) / kVelocityTimeS;
+    // Before and in narrow places it is gentle: a vehicle that answers with a lag swings in proportion to the acceleration.
     const float a = std::hypot(ax, ay);
-    if (a > p_.accel_max_m_s2) {
-        ax *= p_.accel_max_m_s2 / a;
-        ay *= p_.accel_max_m_s2 / a;
+    const float most_a = p_.accel_max_m_s2 * (kGentleShare + (1.0F - kGentleShare) * room_ahead(target));
+    if (a > most_a) {
+        ax *= most_a / a;
+        ay *= most_a / a;
     }
     const float change = std::hypot(ax - ax_m_s2_, ay - ay_m_s2_);
     const float most_change = p_.jerk_max_m_s3 * dt_s;

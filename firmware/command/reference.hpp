@@ -31,6 +31,7 @@ private:
     void move_height(const Target& target, const Estimate& estimate, float dt_s);
     void turn(float yaw_rad, const Estimate& estimate, float dt_s);
     [[nodiscard]] float allowed_speed_m_s(const Target& target) const;
+    [[nodiscard]] float room_ahead(const Target& target) const;
 
     const Parameters& p_;
     Setpoint now_;
