@@ -160,11 +160,13 @@ void it_backs_away_from_what_is_inside_its_margin() {
 void between_two_jambs_it_goes_to_the_middle() {
     const auto d = std::make_unique<Desk>();
     // A gap of 0.70 m, narrower than hull and margin on both sides (0.72 m): pushed from either side it must not stick to one.
+    constexpr float kOff = 0.08F;                     // the vehicle is off the middle
+    d->estimate.planar.pose_map_body = {0.05F, kOff, 0.0F};
     for (int k = 0; k <= 25; ++k) {
-        d->point(0.05F, 0.35F + 0.02F * static_cast<float>(k));
-        d->point(0.05F, -0.35F - 0.02F * static_cast<float>(k));
+        d->point(0.0F, 0.35F - kOff + 0.02F * static_cast<float>(k));
+        d->point(0.0F, -0.35F - kOff - 0.02F * static_cast<float>(k));
     }
-    const Setpoint& out = d->decide(Desk::go(0.05F, 0.03F));
+    const Setpoint& out = d->decide(Desk::go(0.05F, kOff));
     TEST_ASSERT_TRUE(std::fabs(out.y_m) < 0.02F);
 }
 

@@ -96,6 +96,22 @@ void it_arrives_at_the_end_of_the_path_and_stays_without_overshoot() {
     TEST_ASSERT_TRUE_MESSAGE(arrived > 0 && arrived < 120, "3 m take less than 6 s at 1 m/s and 1 m/s^2");
 }
 
+void a_sharp_turn_is_braked_into() {
+    const Parameters p;
+    Reference r{p};
+    Setpoint s;
+    s.z_m = 1.0F;
+    int k = 0;
+    for (; k < 60; ++k) { s = r.step(at(s), along(s.x_m, s.y_m, 9.0F, 0.0F), 50000LL * k); }
+    TEST_ASSERT_TRUE(s.vx_m_s > 0.9F);
+    const float x_m = s.x_m;
+    for (; s.vx_m_s > 0.5F; ++k) {                    // the new path leads to the side
+        s = r.step(at(s), along(s.x_m, s.y_m, x_m, 5.0F), 50000LL * k);
+        TEST_ASSERT_TRUE_MESSAGE(s.vy_m_s < 0.25F, "gained speed sideways before the old motion was gone");
+    }
+    TEST_ASSERT_TRUE(s.x_m - x_m < 0.7F);
+}
+
 void it_is_slow_where_it_is_narrow() {
     const Parameters p;
     Reference r{p};
@@ -177,6 +193,7 @@ int main() {
     UNITY_BEGIN();
     RUN_TEST(speed_acceleration_and_jerk_stay_bounded_for_any_targets);
     RUN_TEST(it_arrives_at_the_end_of_the_path_and_stays_without_overshoot);
+    RUN_TEST(a_sharp_turn_is_braked_into);
     RUN_TEST(it_is_slow_where_it_is_narrow);
     RUN_TEST(it_waits_for_a_vehicle_that_does_not_follow);
     RUN_TEST(hold_stops_within_the_braking_distance);
