@@ -15,6 +15,7 @@ Noctule flies a micro-aerial vehicle through a building it has never seen, maps 
 
   noctule fly maze_a                  fly a shipped world in the simulator; a report is left in runs/
   noctule fly my_plan.json --seed 3   fly your own building: {"walls": [[x1,y1,x2,y2], ...], "start": [x,y]} in metres
+  noctule replay runs/maze_a-1        the recorded flight again, compared bit for bit
   noctule worlds                      the shipped worlds
 """
 
@@ -37,6 +38,25 @@ examples:
 exit code: 0 completed, 1 not completed or a collision, 2 bad input, 130 interrupted (the report is still written)
 """
 
+REPLAY = """\
+Runs the firmware over a recorded log, in this process.
+
+A flight (run directory or its flight.lcm): every step gets the very samples that it consumed in flight, and all that
+noctule-nav published is compared bit for bit (NAV without step_us). Parameters come from parameters.toml beside the log.
+Prints 'equal' or the first difference.
+
+A CARMEN log (.clf, .clf.gz with FLASER or ROBOTLASER1 and ODOM lines): wheel odometry and laser go through localisation
+and mapping. --out gets trajectory.txt (t x y theta), trajectory.tum, map.png, map.pgm and map.yaml (ROS map_server).
+--relations FILE (t1 t2 dx dy dz roll pitch yaw a line) prints mean and median errors as Kuemmerle et al. define them.
+
+examples:
+  noctule replay runs/maze_a-1
+  noctule replay intel.clf.gz --relations intel.relations --out runs/intel
+  noctule replay corridor.clf --param particles=50 --range-max 8
+
+exit code: 0 equal or done, 1 a difference, 2 bad input
+"""
+
 
 class _Parser(argparse.ArgumentParser):
     """As argparse, but an error is one line and ends with 2."""
@@ -49,6 +69,13 @@ def _positive(text: str) -> float:
     value = float(text)
     if not 0.0 < value < 1e7:
         raise argparse.ArgumentTypeError(f"{text} is not a positive number of seconds")
+    return value
+
+
+def _positive_range(text: str) -> float:
+    value = float(text)
+    if not 0.1 < value < 1000.0:
+        raise argparse.ArgumentTypeError(f"{text} is not in 0.1 to 1000 m")
     return value
 
 
@@ -104,10 +131,21 @@ def parser() -> argparse.ArgumentParser:
     bench = commands.add_parser("bench", help="measure and print a table",
                                 description="Measures and prints one row a metric: value, unit, reference, must, aim. "
                                             "What has been measured is kept under runs/bench and not measured again.")
-    bench.add_argument("name", metavar="NAME", help="which bench: flight, altitude")
+    bench.add_argument("name", metavar="NAME", help="which bench: flight, altitude, localisation")
     bench.add_argument("--json", type=Path, metavar="FILE", help="write the rows to this file, too")
     bench.add_argument("--quick", action="store_true", help="fewer seeds; ends in 15 minutes")
     bench.add_argument("--fresh", action="store_true", help="measure everything again")
+
+    replay = commands.add_parser("replay", help="run the firmware over a recorded log", description=REPLAY,
+                                 formatter_class=argparse.RawDescriptionHelpFormatter)
+    replay.add_argument("log", type=Path, metavar="LOG", help="run directory, flight.lcm, .clf or .clf.gz")
+    replay.add_argument("--out", type=Path, metavar="DIR", help="where a CARMEN log's files go (default runs/replay-<name>)")
+    replay.add_argument("--relations", type=Path, metavar="FILE", help="judge a CARMEN log's trajectory by these relations")
+    replay.add_argument("--param", action=_Plain, check=parse_parameter, default=[], metavar="NAME=VALUE",
+                        help="set a tunable, by name or MAVLink id; may be repeated. A flight then differs from its log")
+    replay.add_argument("--preset", choices=PRESETS, default="default", help="set of tunables to begin with; paper: as published")
+    replay.add_argument("--range-max", type=_positive_range, metavar="M", help="laser ranges from here on are no returns (CARMEN)")
+    replay.add_argument("--no-map", dest="mapping", action="store_false", help="trajectory only (CARMEN)")
 
     again = commands.add_parser("report", help="make the report of a run again",
                                 description="Scores a recorded run again and rewrites its report and pictures.")
@@ -156,6 +194,12 @@ def _bench(options) -> int:
     return 0 if all(row["ok"] is not False for row in bench.judged(rows)) else 1
 
 
+def _replay(options) -> int:
+    from noctule import replay
+
+    return replay.run(options.log, options.out, dict(options.param), options.preset, options.relations, options.range_max, options.mapping)
+
+
 def _report(options) -> int:
     from noctule import flight, report
 
@@ -181,7 +225,7 @@ def _compare(options) -> int:
 def main(arguments=None) -> int:
     """Runs the command; returns its exit code."""
     options = parser().parse_args(arguments)
-    action = {"fly": _fly, "worlds": _worlds, "bench": _bench, "report": _report, "compare": _compare}[options.command]
+    action = {"fly": _fly, "worlds": _worlds, "bench": _bench, "replay": _replay, "report": _report, "compare": _compare}[options.command]
     try:
         return action(options)
     except InputError as error:
