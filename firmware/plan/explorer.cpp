@@ -15,6 +15,8 @@ constexpr std::int32_t kRootRadius = 5;        ///< cells round start and goal w
 constexpr std::uint32_t kBeyond = 30 * CostField::kUnit * 3;   ///< field computed this much farther than the vehicle
 constexpr std::int64_t kRefreshUs = 500000;    ///< age from which the field of a fixed place is computed anew
 constexpr std::int64_t kDwellUs = 300000;      ///< looking this long without news is in vain
+constexpr std::int64_t kStuckUs = 8000000;     ///< without coming nearer to the goal: it is given up
+constexpr float kProgressM = 0.2F;
 constexpr float kArrivedM = 0.15F;
 constexpr float kInSightRad = 2.0F;            ///< off the heading, what the laser is sure to see (270 degrees)
 constexpr float kFacingRad = 0.2F;
@@ -89,6 +91,7 @@ void Explorer::set_goal(const Frontier& frontier) {
     phase_ = Phase::field;   // the way there first; the pass under way starts again after it
     phase_started_ = false;
     dwell_since_us_ = -1;
+    progress_us_ = -1;
     ++counters_.goals;
 }
 
@@ -200,6 +203,24 @@ void Explorer::work(const OccupancyGrid& grid, const Pose2<Map, Body>& from, con
     }
 }
 
+// Whatever holds the vehicle back (a path cut short, the guard, a vehicle that does not follow), it does not hang on for ever.
+bool Explorer::stuck(const OccupancyGrid& grid, const Pose2<Map, Body>& pose, const std::int64_t t_us) {
+    const std::uint32_t cost = fields_[flown_].cost(root_near(grid, where_, pose.x_m, pose.y_m));
+    const auto step = static_cast<std::uint32_t>(kProgressM / p_.grid_cell_m) * CostField::kUnit;
+    if (progress_us_ < 0) {
+        progress_us_ = t_us;
+        least_cost_ = cost;
+    } else if (cost != CostField::kFar && cost + step < least_cost_) {
+        progress_us_ = t_us;
+        least_cost_ = cost;
+        blocked_ = false;
+    }
+    if (t_us - progress_us_ < kStuckUs) { return false; }
+    ++counters_.stuck;
+    progress_us_ = -1;
+    return true;
+}
+
 void Explorer::explore(const OccupancyGrid& grid, const Pose2<Map, Body>& pose, const Pose2<Map, Body>& from, const std::int64_t t_us, Target& target) {
     if (goal_.valid && goal_.to_place) { goal_.valid = false; }
     if (goal_.valid && !goal_.seen && resolved(grid)) {
@@ -227,6 +248,11 @@ void Explorer::explore(const OccupancyGrid& grid, const Pose2<Map, Body>& pose, 
             static_cast<void>(take_next(grid, t_us));
         }
     }
+    if (goal_.valid && stuck(grid, pose, t_us)) {
+        tried_.give_up(goal_.frontier.x_m, goal_.frontier.y_m, std::hypot(goal_.x_m - goal_.frontier.x_m, goal_.y_m - goal_.frontier.y_m), t_us);
+        goal_.valid = false;
+        static_cast<void>(take_next(grid, t_us));
+    }
     follow(grid, pose, from, target);
 }
 
@@ -241,8 +267,11 @@ void Explorer::go_to(const OccupancyGrid& grid, const Pose2<Map, Body>& pose, co
         phase_ = Phase::field;
         phase_started_ = false;
         has_way_ = false;
+        progress_us_ = -1;
+        blocked_ = false;
         fields_[flown_].clear();
     }
+    if (has_way_ && std::hypot(x_m - pose.x_m, y_m - pose.y_m) > kArrivedM && stuck(grid, pose, t_us)) { blocked_ = true; }
     if (phase_started_ || !has_way_ || t_us - pass_us_ > kRefreshUs) { work(grid, from, t_us, false); }
     follow(grid, pose, from, target);
 }

@@ -35,8 +35,8 @@ public:
 
     /// True: nothing reachable and worth a visit is left (two passes in a row found nothing).
     [[nodiscard]] bool finished() const { return empty_passes_ >= 2; }
-    /// True: the present goal has a known way.
-    [[nodiscard]] bool has_way() const { return has_way_; }
+    /// True: the present goal has a known way, and the vehicle gets on along it.
+    [[nodiscard]] bool has_way() const { return has_way_ && !blocked_; }
     [[nodiscard]] bool has_goal() const { return goal_.valid; }
     [[nodiscard]] float goal_x_m() const { return goal_.x_m; }
     [[nodiscard]] float goal_y_m() const { return goal_.y_m; }
@@ -49,6 +49,7 @@ public:
         std::uint32_t passes = 0;
         std::uint32_t goals = 0;        ///< goals chosen
         std::uint32_t switches = 0;     ///< goals left for a better one before they were done
+        std::uint32_t stuck = 0;        ///< goals given up because the vehicle did not come nearer
         std::uint32_t in_vain = 0;      ///< looks that showed nothing new
     };
     [[nodiscard]] const Counters& counters() const { return counters_; }
@@ -71,6 +72,7 @@ private:
     bool take_next(const OccupancyGrid& grid, std::int64_t t_us);
     void set_goal(const Frontier& frontier);
     void follow(const OccupancyGrid& grid, const Pose2<Map, Body>& pose, const Pose2<Map, Body>& from, Target& target);
+    [[nodiscard]] bool stuck(const OccupancyGrid& grid, const Pose2<Map, Body>& pose, std::int64_t t_us);
     [[nodiscard]] bool resolved(const OccupancyGrid& grid) const;
     [[nodiscard]] float value_of(const Frontier& f) const;
 
@@ -93,6 +95,9 @@ private:
     std::int32_t empty_passes_ = 0;
     std::int64_t dwell_since_us_ = -1;
     std::int64_t pass_us_ = 0;
+    std::int64_t progress_us_ = -1;   ///< when the vehicle last came nearer to the goal; -1: begins now
+    std::uint32_t least_cost_ = 0;    ///< of the way left, so far
+    bool blocked_ = false;
     Counters counters_;
 };
 

@@ -35,6 +35,10 @@ public:
     void clear() { entries_.clear(); }
     /// A look from `view_distance_m` away showed nothing new.
     void add(float x_m, float y_m, float view_distance_m, std::int64_t t_us);
+    /// The way there did not lead on: left alone at once for a round.
+    void give_up(const float x_m, const float y_m, const float view_distance_m, const std::int64_t t_us) {
+        do { add(x_m, y_m, view_distance_m, t_us); } while (distance_allowed_m(x_m, y_m, t_us) > 0.0F);
+    }
     /// Greatest distance from which to try next; 0: leave it alone now.
     [[nodiscard]] float distance_allowed_m(float x_m, float y_m, std::int64_t t_us) const;
     [[nodiscard]] std::size_t size() const { return entries_.size(); }

@@ -62,6 +62,32 @@ struct Desk {
             }
         }
     }
+    /// A hall of 24 x 8 m seen from its middle: what is beyond 10 m is unknown.
+    void look_hall() {
+        test::FlatWorld world;
+        world.add_wall(-12.0, -4.0, 12.0, -4.0);
+        world.add_wall(-12.0, 4.0, 12.0, 4.0);
+        world.add_wall(-12.0, -4.0, -12.0, 4.0);
+        world.add_wall(12.0, -4.0, 12.0, 4.0);
+        world.add_wall(4.0, -4.0, 4.0, 2.0);
+        world.turn(0.297);
+        std::mt19937 rng(1);
+        LevelScan scan;
+        for (const float yaw : {0.0F, 1.5F, 3.0F, 4.5F}) {
+            Estimate e = estimate;
+            e.planar.pose_map_body.yaw_rad = wrap_angle(yaw);
+            for (int k = 0; k < 4; ++k) {
+                test::sweep(world, 0.0, 0.0, static_cast<double>(yaw), 10.0, 0.0, rng, scan);
+                grid.integrate(e, scan);
+            }
+        }
+    }
+    void explore_hall() {
+        hall = true;
+        explore();
+    }
+    bool hall = false;
+
     /// Flies up to exploring.
     void explore() {
         steps(30);
@@ -72,7 +98,7 @@ struct Desk {
         vehicle.landed = VehicleSample::Landed::in_air;
         steps(12);
         TEST_ASSERT_EQUAL(MissionState::looking_around, mission.state());
-        look();
+        hall ? look_hall() : look();
         for (int k = 0; k < 60 && mission.state() == MissionState::looking_around; ++k) {
             estimate.planar.pose_map_body.yaw_rad = wrap_angle(estimate.planar.pose_map_body.yaw_rad + 0.05F);
             step();
@@ -235,6 +261,19 @@ void orders_are_obeyed() {
     expect(*g, MissionState::waiting, StateReason::abort_ordered);
 }
 
+void a_vehicle_that_is_held_back_gives_up_goal_by_goal_and_then_lands() {
+    const auto d = std::make_unique<Desk>();
+    d->explore_hall();                               // half of a hall unknown, and the vehicle does not follow its setpoints
+    d->steps(20 * 20);
+    TEST_ASSERT_TRUE(d->mission.explorer().counters().stuck > 0U);
+    for (int k = 0; k < 20 * 400 && d->mission.state() == MissionState::exploring; ++k) { d->step(); }
+    expect(*d, MissionState::returning_home, StateReason::nothing_left);
+    d->estimate.planar.pose_map_body.x_m = 1.0F;     // and not home either
+    d->last.x_m = 1.0F;
+    for (int k = 0; k < 20 * 40 && d->mission.state() == MissionState::returning_home; ++k) { d->step(); }
+    expect(*d, MissionState::landing, StateReason::home_unreachable);
+}
+
 void the_height_keeps_clear_of_ceiling_and_furniture() {
     const auto d = std::make_unique<Desk>();
     d->explore();
@@ -262,6 +301,7 @@ int main() {
     RUN_TEST(short_losses_do_not_end_a_flight);
     RUN_TEST(each_bad_news_has_its_end);
     RUN_TEST(orders_are_obeyed);
+    RUN_TEST(a_vehicle_that_is_held_back_gives_up_goal_by_goal_and_then_lands);
     RUN_TEST(the_height_keeps_clear_of_ceiling_and_furniture);
     return UNITY_END();
 }
