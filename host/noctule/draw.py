@@ -138,6 +138,6 @@ def series_svg(errors: PoseErrors, nav: dict, truth: dict, start: StartPose, lev
     for axes in (position, yaw, altitude, share):
         axes.grid(alpha=0.3, linewidth=0.5)
     buffer = io.StringIO()
-    figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
+    figure.savefig(buffer, format="svg", bbox_inches="tight", metadata={"Date": None, "Creator": None})
     text = buffer.getvalue()
     return text[text.index("<svg"):]
