@@ -1,0 +1,164 @@
+"""`noctule bench localisation`: the firmware's localisation on scripted flights and on logs of real buildings.
+
+Scripted flights (planar_profile.py) and logs (carmen.py) drive the very Localiser that flies. Errors are those of the pose at
+each sweep, the first pose on truth, nothing fitted. Shared data is looked for beside the repository; where it is absent
+the row is left out and 'skipped: no data' is printed. Times are processor time of the thread.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+
+from noctule import carmen, planar_profile
+from noctule.bench import data_folder, row
+from noctule.localise import compose, memory_bytes
+from noctule.planar_profile import Errors, Motion, Plan
+
+SEEDS, QUICK_SEEDS = 20, 5
+NEES_SEEDS, QUICK_NEES_SEEDS = 50, 10
+PAPER_STEPS = 676
+PAPER_S = PAPER_STEPS * 0.05
+SPIN_RAD_S = 1.0
+CM = 100.0
+
+# (log, relations, name of the reference, must and aim for mean translation [m], must for mean rotation [deg])
+REAL_LOGS = (("intel-2725", "intel.relations", "iris_lama 0.052 / 1.2, Cartographer 0.023 / 0.45", "<= 0.055", "<= 0.045", "<= 1.5"),
+             ("intel", "intel.relations", "corrected poses 0.067 / 2.3", "<= 0.08", "<= 0.055", "<= 2.5"),
+             ("freiburg-079", "fr079.relations", "hector 0.039 / 0.85, Cartographer 0.045 / 0.54", "<= 0.042", "<= 0.036", "<= 1.0"))
+
+
+def paper_preset() -> dict[str, float]:
+    """The `paper` preset's parameters."""
+    from noctule.params_gen import PRESETS
+
+    return {k: v for k, v in PRESETS["paper"].items() if v != PRESETS["default"][k]}
+
+
+def fly(plan: Plan, motion: Motion, seeds: int, sensors: planar_profile.Profile, parameters: dict[str, float] | None = None) -> list[Errors]:
+    """Flies the seeds 1 to `seeds`."""
+    return [planar_profile.localise(planar_profile.samples(plan, motion, seed, sensors), parameters) for seed in range(1, seeds + 1)]
+
+
+def position_rows(label: str, flights: list[Errors], reference=None, must=None, worst=None, aim=None) -> list[dict]:
+    """Position and yaw over the seeds, and how often the pose was lost."""
+    means = np.array([CM * e.position_m.mean() for e in flights])
+    return [row(f"{label}: position error, mean", float(means.mean()), "cm", reference, must, aim),
+            row(f"{label}: the same, worst seed", float(means.max()), "cm", None, worst),
+            row(f"{label}: yaw error, mean", float(np.degrees(np.mean([e.yaw_rad.mean() for e in flights]))), "deg"),
+            row(f"{label}: steps that said lost", sum(e.lost for e in flights), "-")]
+
+
+def synth_rows(folder: Path) -> list[dict]:
+    """The shared simulated log with drifting odometry; the first pose on truth."""
+    log = carmen.read(folder / "synth10r.clf.gz")
+    truth = np.loadtxt(folder / "synth10r.gt")
+    track = carmen.track(log)
+    poses = np.array([compose(truth[0, 1:], p) for p in track.poses])
+    error_m = np.hypot(*(poses[:, :2] - truth[:, 1:3]).T)
+    yaw = np.degrees(np.abs(np.remainder(poses[:, 2] - truth[:, 3] + math.pi, 2.0 * math.pi) - math.pi))
+    us = track.localise_us
+    return [row("synth10r: position error, mean", float(CM * error_m.mean()), "cm", "karto 0.9, hector 1.8", "<= 1.0", "<= 0.4"),
+            row("synth10r: position error, greatest", float(CM * error_m.max()), "cm"),
+            row("synth10r: yaw error, mean", float(yaw.mean()), "deg", "0.12", "<= 0.12", "<= 0.04"),
+            row("synth10r: one step, median", float(np.median(us)) * 1e-3, "ms", "hector 0.23", "<= 1.0", "<= 0.25"),
+            row("synth10r: one step, 99 %", float(np.percentile(us, 99)) * 1e-3, "ms", "hector 0.57", "<= 3.0", "<= 0.8"),
+            row("synth10r: entering the map, median", float(np.median(track.map_us)) * 1e-3, "ms")]
+
+
+def real_rows(folder: Path) -> list[dict]:
+    """The logs of real buildings against their relations, parameters as in flight."""
+    rows = []
+    for name, relations, reference, must, aim, must_deg in REAL_LOGS:
+        if not (folder / f"{name}.clf.gz").is_file():
+            print(f"{name}: skipped: no data", flush=True)
+            continue
+        log = carmen.read(folder / f"{name}.clf.gz")
+        track = carmen.track(log)
+        errors = carmen.relation_errors(log, track.t_s, track.poses, carmen.read_relations(folder / relations))
+        t, r, us = errors.translation_m, np.degrees(errors.rotation_rad), track.localise_us
+        rows += [row(f"{name}: relations, translation, mean", float(t.mean()), "m", reference, must, aim),
+                 row(f"{name}: relations, translation, median", float(np.median(t)), "m"),
+                 row(f"{name}: relations, rotation, mean", float(r.mean()), "deg", None, must_deg),
+                 row(f"{name}: relations, rotation, median", float(np.median(r)), "deg"),
+                 row(f"{name}: steps that said lost", sum(s.quality < 0 for s in track.steps), f"of {len(track.steps)}"),
+                 row(f"{name}: landmarks that gave way, per sweep", track.counters["landmarks_evicted"] / len(track.steps), "-"),
+                 row(f"{name}: one step, median", float(np.median(us)) * 1e-3, "ms"),
+                 row(f"{name}: one step, 99 %", float(np.percentile(us, 99)) * 1e-3, "ms")]
+    return rows
+
+
+def paper_rows(seeds: int) -> list[dict]:
+    """The paper's set-up: 676 sweeps at 20 Hz of 1080 beams in 15 x 15 m, inertial prediction."""
+    plan = planar_profile.rooms()
+    motion = Motion(plan, PAPER_S)
+    rows, usual = [], None
+    for sigma_m, hz in ((0.01, 250), (0.01, 50), (0.03, 250), (0.03, 50)):
+        limits = ("<= 1.0", "<= 2.0", "<= 0.4") if sigma_m == 0.01 else ("<= 2.5", None, "<= 1.0")
+        flights = fly(plan, motion, seeds, planar_profile.profile(sigma_m, hz))
+        rows += position_rows(f"paper's set-up, {CM * sigma_m:.0f} cm, {hz} Hz", flights, "paper 8" if sigma_m == 0.01 else None, *limits)
+        usual = usual or flights
+    preset = fly(plan, motion, seeds, planar_profile.profile(), paper_preset())
+    rows += position_rows("paper's set-up, paper preset", preset, "paper 8", "<= 8", None, "<= 3")
+    us = np.concatenate([e.localise_us for e in usual])
+    rows += [row("one step, 1080 beams, 100 particles: median", float(np.median(us)) * 1e-3, "ms", "hector 0.23, gmapping 1167", "<= 1.0", "<= 0.25"),
+             row("one step, 1080 beams, 100 particles: 99 %", float(np.percentile(us, 99)) * 1e-3, "ms", "hector 0.57", "<= 3.0", "<= 0.8")]
+    return rows
+
+
+def skew_rows(seeds: int) -> list[dict]:
+    """Turning at 1 rad/s along the way, with the sweep de-skewed and as it came."""
+    plan = planar_profile.rooms()
+    motion = Motion(plan, PAPER_S, SPIN_RAD_S)
+    rows = []
+    for label, value in (("de-skewed", 1), ("not de-skewed", 0)):
+        rows += position_rows(f"turning at 1 rad/s, {label}", fly(plan, motion, seeds, planar_profile.profile(), {"deskew": value}))
+    return rows
+
+
+def nees_rows(seeds: int) -> list[dict]:
+    """Normalised error squared of the pose at the end of the paper's flight: mean over the seeds in its 95 % band."""
+    from scipy.stats import chi2
+
+    plan = planar_profile.rooms()
+    values = np.array([e.nees[-1] for e in fly(plan, Motion(plan, PAPER_S), seeds, planar_profile.profile())])
+    low, high = (float(chi2.ppf(q, 3 * seeds) / seeds) for q in (0.025, 0.975))
+    mean = float(values.mean())
+    return [row(f"normalised error squared, {seeds} seeds", mean, "-", f"band to {high:.2f}", f"<= {high:.4f}"),
+            row("the same, not too small", mean, "-", f"band from {low:.2f}", f">= {low:.4f}")]
+
+
+def harder_rows(seeds: int) -> list[dict]:
+    """Where walls alone do not help, and where drift shows."""
+    rows = []
+    for plan, seconds in ((planar_profile.round_hall(), PAPER_S), (planar_profile.loop_100m(), 130.0)):
+        flights = fly(plan, Motion(plan, seconds), seeds, planar_profile.profile())
+        rows += position_rows(plan.name, flights, aim="<= 5")
+        rows.append(row(f"{plan.name}: position error at the end, greatest", float(CM * max(e.position_m[-1] for e in flights)), "cm"))
+    return rows
+
+
+def bench_localisation(quick: bool, fresh: bool) -> list[dict]:
+    """Every row that can be measured without flying; closed-loop flights are `noctule bench flight`."""
+    seeds = QUICK_SEEDS if quick else SEEDS
+    data = data_folder()
+    folder = data / "slam_bench" if data is not None else None
+    rows = []
+    if folder is not None and (folder / "synth10r.clf.gz").is_file():
+        rows += synth_rows(folder)
+    else:
+        print("synth10r: skipped: no data", flush=True)
+    rows += paper_rows(seeds)
+    rows += skew_rows(seeds)
+    rows += nees_rows(QUICK_NEES_SEEDS if quick else NEES_SEEDS)
+    rows += harder_rows(QUICK_SEEDS)
+    if folder is not None:
+        rows += real_rows(folder)
+    else:
+        print("intel-2725, intel, freiburg-079: skipped: no data", flush=True)
+    localiser, grid = memory_bytes()
+    rows += [row("memory of the filter, static", localiser / 2**20, "MiB", "iris_lama 6, gmapping 141", "<= 4", "<= 2"),
+             row("memory of the map, static", grid / 2**20, "MiB")]
+    return rows
