@@ -198,7 +198,7 @@ def read(path, range_max_m: float | None = None) -> Log:
 
 def _clean(log: Log, range_max_m: float | None) -> None:
     """Turns ranges that say nothing into NaN, and no returns within a known reach into infinity."""
-    greatest = max(float(np.nanmax(r, initial=0.0)) for r in log.ranges)
+    greatest = max(float(np.max(r, initial=0.0, where=np.isfinite(r))) for r in log.ranges)
     for k, (ranges, layout) in enumerate(zip(log.ranges, log.layouts)):
         if layout.range_max_m == MAX_LASER_M:        # FLASER: its reach is not in the log, a missing return may be anything
             limit = range_max_m or min(NO_RETURN_SHARE * greatest, MAX_LASER_M)
