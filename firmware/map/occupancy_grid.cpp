@@ -12,8 +12,11 @@ constexpr float kUnitsPerNat = 16.0F;          ///< grid_tile_t's unit
 constexpr float kOffsetUnits = 256.0F;         ///< hit offsets per cell edge
 constexpr float kPassesByCells = 0.25F;        ///< a beam farther than this from a cell's mean hit does not contradict it
 constexpr float kGrazesCells = 3.0F;           ///< nor does one that ends within this behind it: it grazes the same wall
+constexpr float kGrazesFarCells = 12.0F;       ///< nor one that ends within this behind it,
+constexpr float kPassesFarByCells = 0.1F;      ///< unless it passes the mean hit nearer than this
 constexpr std::int32_t kGapBeams = 3;          ///< beams missing between two neighbours of a sweep
 constexpr std::int64_t kRepublishUs = 2000000; ///< scans between publications of a tile whose classes stand still
+constexpr std::int8_t kNeverHit = -128;        ///< in hit_x: no beam ended in the cell since it was last sure to be free
 constexpr std::uint32_t kRefreshScans = 128;   ///< a power of two
 constexpr std::int32_t kGeometryStep = 10;     ///< move of a mean hit (1/256 cell) that makes clearances stale
 
@@ -98,7 +101,7 @@ CellId OccupancyGrid::find_or_lay(const Cell cell) {
             t.tile_x = tx;
             t.tile_y = ty;
             t.log_odds.fill(0);
-            t.hit_x.fill(0);
+            t.hit_x.fill(kNeverHit);
             t.hit_y.fill(0);
             t.stamp.fill(0);
             for (std::uint16_t& v : t.version) { ++v; }
@@ -139,7 +142,7 @@ void OccupancyGrid::hit(const CellId id, const float x_cells, const float y_cell
     const Cell c = cell(id);
     const float dx = (x_cells - static_cast<float>(c.ix) - 0.5F) * kOffsetUnits;
     const float dy = (y_cells - static_cast<float>(c.iy) - 0.5F) * kOffsetUnits;
-    const bool fresh = t.log_odds[k] <= 0;
+    const bool fresh = t.log_odds[k] <= 0 || t.hit_x[k] == kNeverHit;
     const float gain = fresh ? 1.0F : (t.log_odds[k] >= log_max_ ? 0.06F : 0.25F);
     const float old_x = static_cast<float>(t.hit_x[k]);
     const float old_y = static_cast<float>(t.hit_y[k]);
@@ -169,15 +172,19 @@ void OccupancyGrid::miss(const CellId id, const float origin_x, const float orig
         return;
     }
     const CellClass before = class_of(l);
-    if (before == CellClass::occupied) {
-        // A wall fills a part of its cell only: a beam through the other part says nothing about it.
+    if (t.hit_x[k] != kNeverHit) {
+        // A wall fills a part of its cell only: a beam through the other part says nothing about it. Also where the cell does not
+        // count as occupied (yet): else cells at the very edge of a wall wander between the classes.
         const Cell c = cell(id);
         const float hx = static_cast<float>(c.ix) + 0.5F + static_cast<float>(t.hit_x[k]) / kOffsetUnits - origin_x;
         const float hy = static_cast<float>(c.iy) + 0.5F + static_cast<float>(t.hit_y[k]) / kOffsetUnits - origin_y;
-        if (std::fabs(hx * dir_y - hy * dir_x) > kPassesByCells || hx * dir_x + hy * dir_y > end - kGrazesCells) { return; }
+        const float aside = std::fabs(hx * dir_y - hy * dir_x);
+        const float behind = end - (hx * dir_x + hy * dir_y);
+        if (aside > kPassesByCells || behind < kGrazesCells || (behind < kGrazesFarCells && aside > kPassesFarByCells)) { return; }
     }
     t.stamp[k] = stamp_;
     t.log_odds[k] = static_cast<std::int8_t>(std::max(l - add_miss_, log_min_));
+    if (t.log_odds[k] == log_min_) { t.hit_x[k] = kNeverHit; }
     touch(id, before);
 }
 

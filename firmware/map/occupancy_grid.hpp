@@ -33,7 +33,7 @@ struct GridTile {
     std::int32_t tile_x = 0;
     std::int32_t tile_y = 0;
     std::array<std::int8_t, kTileArea> log_odds{};   ///< 1/16 nat; 0 unknown, positive occupied, negative free
-    std::array<std::int8_t, kTileArea> hit_x{};      ///< mean hit of an occupied cell from its centre, 1/256 cell
+    std::array<std::int8_t, kTileArea> hit_x{};      ///< mean hit from the cell's centre, 1/256 cell; -128: none
     std::array<std::int8_t, kTileArea> hit_y{};
     std::array<std::uint8_t, kTileArea> stamp{};     ///< number of the scan that last touched the cell
     std::array<std::uint16_t, kTileBlocks> version{}; ///< rises with every change of a block's geometry

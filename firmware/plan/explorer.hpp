@@ -43,6 +43,7 @@ public:
     [[nodiscard]] float look_x_m() const { return goal_.frontier.x_m; }   ///< what is to be seen from the goal
     [[nodiscard]] float look_y_m() const { return goal_.frontier.y_m; }
     [[nodiscard]] const Traversability& where() const { return where_; }
+    [[nodiscard]] const Bounded<Frontier, kMaxFrontiers>& known() const { return known_; }  ///< groups of the last complete pass
     [[nodiscard]] const FrontierSearch& frontiers() const { return search_; }
 
     struct Counters {
