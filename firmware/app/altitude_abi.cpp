@@ -39,6 +39,7 @@ struct noctule_altitude_input {
     const std::int64_t* scan_t_us;
     const float* planar;             // (scan_count, 5): x, y, yaw, vx, vy
     const std::int8_t* landed;       // (scan_count): 0 unknown, 1 on the ground, 2 in the air
+    const float* baro_m;             // (range_count), read with the ranges; null: there is no barometer
 };
 
 /// A level or a surface of the building, as Python reads it.
@@ -106,6 +107,7 @@ void noctule_altitude_run(noctule_altitude* self, const noctule_altitude_input* 
         frame.attitude.clear();
         frame.range_up.clear();
         frame.range_down.clear();
+        frame.baro.clear();
         frame.vehicle.clear();
         frame.command.clear();
         frame.scan.t_us = t_us;
@@ -121,6 +123,7 @@ void noctule_altitude_run(noctule_altitude* self, const noctule_altitude_input* 
             const std::int64_t t_range_us = in->range_t_us[range];
             (void)frame.range_down.push(noctule::RangeSample{t_range_us, in->range_down_m[range], in->range_min_m, in->range_max_m});
             (void)frame.range_up.push(noctule::RangeSample{t_range_us, in->range_up_m[range], in->range_min_m, in->range_max_m});
+            if (in->baro_m != nullptr) { (void)frame.baro.push(noctule::BaroSample{t_range_us, in->baro_m[range]}); }
         }
         noctule::VehicleSample vehicle;
         vehicle.t_us = t_us;
@@ -168,7 +171,8 @@ std::size_t noctule_altitude_counters(const noctule_altitude* self, std::uint32_
     const std::uint32_t all[] = {c.matched,         c.founded,          c.unmatched,        c.refused_empty,
                                  c.refused_input,   c.refused_range,    c.refused_tilt,     c.refused_time,
                                  c.inertial_refused, c.frames_refused,  c.levels_confirmed, c.levels_forgotten,
-                                 c.levels_merged,   c.levels_evicted,   c.shifts,           c.drifts};
+                                 c.levels_merged,   c.levels_evicted,   c.shifts,           c.drifts,
+                                 c.baro_used,       c.baro_refused,     c.baro_restarts};
     std::size_t n = 0;
     for (const std::uint32_t value : all) {
         if (n == capacity) { break; }

@@ -51,6 +51,7 @@ struct Endpoints final : noctule::BridgeSink {
     void publish(const noctule::attitude_t& message) override { bus.publish(noctule::kChannelAttitude, message); }
     void publish_up(const noctule::range_t& message) override { bus.publish(noctule::kChannelRangeUp, message); }
     void publish_down(const noctule::range_t& message) override { bus.publish(noctule::kChannelRangeDown, message); }
+    void publish(const noctule::baro_t& message) override { bus.publish(noctule::kChannelBaro, message); }
     void publish(const noctule::vehicle_t& message) override { bus.publish(noctule::kChannelVehicle, message); }
     void publish(const noctule::command_t& message) override { bus.publish(noctule::kChannelCommand, message); }
 };

@@ -141,7 +141,7 @@ int main(int argc, char** argv) {
             process.step_times.add(static_cast<float>(monotonic_ns() - start_ns) * 1e-3F);
         }
     };
-    for (const char* name : {noctule::kChannelScan, noctule::kChannelImu, noctule::kChannelAttitude, noctule::kChannelRangeUp, noctule::kChannelRangeDown, noctule::kChannelVehicle, noctule::kChannelCommand}) {
+    for (const char* name : {noctule::kChannelScan, noctule::kChannelImu, noctule::kChannelAttitude, noctule::kChannelRangeUp, noctule::kChannelRangeDown, noctule::kChannelBaro, noctule::kChannelVehicle, noctule::kChannelCommand}) {
         if (!process.bus.subscribe_raw(name, on_message)) {
             std::fprintf(stderr, "noctule-nav: cannot subscribe to %s\n", name);
             return 2;

@@ -165,6 +165,7 @@ void AltitudeFilter::apply(const AltitudeReading& r, const std::size_t i) {
     }
 
     joint_.correct(row, observation_of(r), r.variance_m2);
+    last_match_t_us_ = t_us_;
     ++counters_.matched;
     Slot& slot = slots_[i];
     ++slot.level.seen;

@@ -12,6 +12,8 @@ constexpr double kGravity_m_s2 = 9.80665;
 constexpr float kAccelLimit_m_s2 = 200.0F;  // beyond any sensor's scale
 constexpr std::int64_t kFuture_us = 50000;  // a range may be stamped this much after the scan that ends its frame
 constexpr std::int32_t kStairTreads = 2;    // so many risers in a row are stairs
+constexpr float kBaroLimit_m = 20000.0F;    // beyond any place to fly
+constexpr std::int32_t kBaroPatience = 20;  // so many samples beyond the gate in a row: the offset has jumped (a door, a fan)
 constexpr std::int64_t kPair_us = 20000;    // an up and a down range this close are judged together
 
 double seconds(const std::int64_t us) { return static_cast<double>(us) * 1.0e-6; }
@@ -69,6 +71,8 @@ const AltitudeEstimate& AltitudeFilter::update(const SensorFrame& frame, const P
         t_us_ = frame.imu.empty() ? t_scan_us : std::min(frame.imu[0].t_us, t_scan_us);
         imu_t_us_ = t_us_ - 1;
         last_range_t_us_ = {t_us_ - 1000000, t_us_ - 1000000};
+        last_baro_t_us_ = t_us_ - 1000000;
+        last_match_t_us_ = t_us_;
         slots_[0].level.first_t_us = t_us_;
         slots_[0].level.last_t_us = t_us_;
     }
@@ -106,6 +110,7 @@ const AltitudeEstimate& AltitudeFilter::update(const SensorFrame& frame, const P
     while (attitude_next_ < frame.attitude.size()) { set_attitude(frame, frame.attitude[attitude_next_].t_us); }
     flush_covariance();
     if (at_rest_) { rest(); }
+    take_baro(frame);
     if (use_joint_) { forget_tentative(t_scan_us); }
     publish(t_scan_us);
     return estimate_;
@@ -206,7 +211,8 @@ void AltitudeFilter::flush_covariance() {
     for (double& u : pending_up_) { u /= pending_s_; }
     const double noise = static_cast<double>(pending_blind_ ? p_.alt_accel_blind_m_s2 : p_.alt_accel_noise_m_s2);
     joint_.predict_covariance(pending_s_, pending_up_, noise * std::sqrt(pending_noise_s_ / pending_s_),
-                              static_cast<double>(p_.alt_accel_walk_m_s2));
+                              static_cast<double>(p_.alt_accel_walk_m_s2),
+                              p_.alt_baro_sigma_m > 0.0F ? static_cast<double>(p_.alt_baro_walk_m) : 0.0);
     pending_s_ = 0.0;
     pending_noise_s_ = 0.0;
     pending_up_ = {};
@@ -220,6 +226,57 @@ void AltitudeFilter::rest() {
         joint_.correct(row, 0.0, variance);
     } else {
         paper_.rest(variance);
+    }
+}
+
+void AltitudeFilter::take_baro(const SensorFrame& frame) {
+    if (!use_joint_ || !(p_.alt_baro_sigma_m > 0.0F)) { return; }
+    for (const BaroSample& s : frame.baro) {
+        const bool timely = s.t_us > last_baro_t_us_ && s.t_us <= scan_t_us_ + kFuture_us &&
+                            seconds(t_us_ - s.t_us) <= static_cast<double>(p_.range_late_s);
+        if (!timely || !std::isfinite(s.height_m) || std::fabs(s.height_m) > kBaroLimit_m) {
+            ++counters_.baro_refused;
+            continue;
+        }
+        last_baro_t_us_ = s.t_us;
+        fuse_baro(static_cast<double>(s.height_m), std::max(seconds(t_us_ - s.t_us), 0.0));
+    }
+}
+
+// Equations (9) to (11).
+void AltitudeFilter::fuse_baro(const double height_m, const double age_s) {
+    using J = AltitudeJoint;
+    const double variance = square(static_cast<double>(p_.alt_baro_sigma_m));
+    J::Row row;
+    row.add(J::kZ, 1.0);
+    row.add(J::kVz, -age_s);
+    row.add(J::kBaro, 1.0);
+    if (baro_known_) {
+        const double nu2 = square(height_m - joint_.expect(row)) / (joint_.variance(row) + variance);
+        if (nu2 > square(static_cast<double>(p_.alt_gate_sigma))) {
+            ++counters_.baro_refused;
+            if (++baro_misses_ < kBaroPatience) { return; }
+            baro_known_ = false;
+            ++counters_.baro_restarts;
+            return;  // the next sample founds it
+        }
+    }
+    baro_misses_ = 0;
+    ++counters_.baro_used;
+    if (!baro_known_) {
+        J::Row offset;
+        offset.add(J::kZ, -1.0);
+        offset.add(J::kVz, age_s);
+        joint_.restart_state(J::kBaro, offset, height_m, variance);
+        baro_known_ = true;
+        return;
+    }
+    // While something better knows z the barometer only learns its own offset: its drift must not lean on z.
+    const bool z_known = at_rest_ || seconds(t_us_ - last_match_t_us_) <= static_cast<double>(p_.alt_hold_s);
+    if (z_known) {
+        joint_.correct_only(J::kBaro, row, height_m, variance);
+    } else {
+        joint_.correct(row, height_m, variance);
     }
 }
 

@@ -1,6 +1,6 @@
 /// Height, climb and the levels under and over the vehicle from vertical acceleration and two range finders.
 ///
-/// Model: x = (z, vz, accelerometer biases, two range scale errors, elevation of every level), one joint Gaussian
+/// Model: x = (z, vz, accelerometer biases, two range scale errors, barometer offset, elevation of every level), one joint Gaussian
 /// (AltitudeJoint). A range is the difference of z and one level, so a step in a range with no counterpart in z is a
 /// new level, not a climb. Derivation, association and tuning: docs/maths/altitude.md. The paper's own form, which
 /// takes z and the levels as independent, is AltitudePaper; the parameter alt_joint chooses at construction.
@@ -41,6 +41,9 @@ struct AltitudeCounters {
     std::uint32_t levels_evicted = 0;     ///< gave way because the pool was full
     std::uint32_t shifts = 0;             ///< a small step of a surface found in the mean of the innovations
     std::uint32_t drifts = 0;             ///< both ranges agreed that z was wrong
+    std::uint32_t baro_used = 0;          ///< barometer samples that were taken; all three stay 0 while it is off
+    std::uint32_t baro_refused = 0;       ///< not finite, absurd, untimely or beyond the gate
+    std::uint32_t baro_restarts = 0;      ///< its offset had jumped and was founded anew
 };
 
 class AltitudeFilter {
@@ -49,7 +52,7 @@ public:
     explicit AltitudeFilter(const Parameters& parameters);
 
     /// One frame. The estimate holds at the stamp of the scan. Bad samples are refused and counted.
-    /// Cost: (levels + 7)^2 a range sample, whatever the length of the flight.
+    /// Cost: (levels + 8)^2 a range sample, whatever the length of the flight.
     const AltitudeEstimate& update(const SensorFrame& frame, const PlanarEstimate& planar);
 
     [[nodiscard]] const AltitudeEstimate& estimate() const { return estimate_; }
@@ -92,6 +95,8 @@ private:
     void advance(std::int64_t t_us, bool blind);
     void flush_covariance();
     void rest();
+    void take_baro(const SensorFrame& frame);
+    void fuse_baro(double height_m, double age_s);
 
     void fuse(const AltitudeReading* down, const AltitudeReading* up);
     [[nodiscard]] AltitudeJoint::Row row_for(const AltitudeReading& reading, std::size_t slot) const;
@@ -122,6 +127,10 @@ private:
     std::array<std::uint32_t, 2> readings_{};
     std::array<bool, 2> blind_{};            ///< the newest sample lay in the sensor's blind zone
     std::array<Watch, 2> watch_{};
+    std::int64_t last_match_t_us_ = 0;       ///< when a range last corrected z
+    std::int64_t last_baro_t_us_ = 0;
+    bool baro_known_ = false;                ///< the offset was founded
+    std::int32_t baro_misses_ = 0;           ///< samples beyond the gate, in a row
     std::int32_t floor_slot_ = 0;
     std::int32_t drift_votes_ = 0;
     double walked_z_m_ = 0.0;                ///< elevation of the surface last flown over

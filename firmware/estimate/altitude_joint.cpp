@@ -22,7 +22,7 @@ void AltitudeJoint::predict_mean(const double accel_up_m_s2, const Up& up, const
 }
 
 void AltitudeJoint::predict_covariance(const double dt_s, const Up& up, const double accel_density,
-                                       const double bias_walk) {
+                                       const double bias_walk, const double baro_walk) {
     // Equation (2): F differs from the identity in two rows only, so rows and then columns of z and vz are enough.
     const double half = 0.5 * dt_s * dt_s;
     for (std::size_t j = 0; j < states_; ++j) {
@@ -41,6 +41,7 @@ void AltitudeJoint::predict_covariance(const double dt_s, const Up& up, const do
     P_[kVz][kZ] += q * half;
     P_[kVz][kVz] += q * dt_s;
     for (std::size_t k = kBias; k < kBias + 3; ++k) { P_[k][k] += bias_walk * bias_walk * dt_s; }
+    P_[kBaro][kBaro] += baro_walk * baro_walk * dt_s;
 }
 
 double AltitudeJoint::expect(const Row& row) const {
@@ -77,6 +78,38 @@ void AltitudeJoint::correct(const Row& row, const double observation, const doub
     }
     // Rounding may leave a well-known state a hair below zero.
     for (std::size_t i = 0; i < states_; ++i) { P_[i][i] = std::max(P_[i][i], 1.0e-12); }
+}
+
+void AltitudeJoint::correct_only(const std::size_t state, const Row& row, const double observation, const double variance) {
+    std::array<double, kMaxStates> PHt;
+    for (std::size_t i = 0; i < states_; ++i) {
+        double sum = 0.0;
+        for (std::size_t k = 0; k < row.count; ++k) { sum += row.coefficient[k] * P_[row.state[k]][i]; }
+        PHt[i] = sum;
+    }
+    double S = variance;
+    for (std::size_t k = 0; k < row.count; ++k) { S += row.coefficient[k] * PHt[row.state[k]]; }
+    const double gain = PHt[state] / S;
+    mean_[state] += gain * (observation - expect(row));
+    for (std::size_t j = 0; j < states_; ++j) {  // equation (11)
+        P_[state][j] -= gain * PHt[j];
+        P_[j][state] = P_[state][j];
+    }
+    P_[state][state] = std::max(P_[state][state], 1.0e-12);
+}
+
+void AltitudeJoint::restart_state(const std::size_t state, const Row& row, const double offset, const double variance) {
+    mean_[state] = expect(row) + offset;
+    double own = variance;
+    for (std::size_t i = 0; i < states_; ++i) {
+        if (i == state) { continue; }
+        double sum = 0.0;
+        for (std::size_t k = 0; k < row.count; ++k) { sum += row.coefficient[k] * P_[row.state[k]][i]; }
+        P_[state][i] = sum;
+        P_[i][state] = sum;
+    }
+    for (std::size_t k = 0; k < row.count; ++k) { own += row.coefficient[k] * P_[state][row.state[k]]; }
+    P_[state][state] = own;
 }
 
 bool AltitudeJoint::add_level(const Row& row, const double offset, const double variance) {

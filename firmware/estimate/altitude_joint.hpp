@@ -1,4 +1,4 @@
-/// Joint Gaussian of height, climb, accelerometer biases, range scale errors and the elevations of all levels.
+/// Joint Gaussian of height, climb, accelerometer biases, range scale errors, barometer offset and the elevations of all levels.
 ///
 /// Model: docs/maths/altitude.md, equations (1) to (5). The levels are correlated with z through the readings that
 /// made them; keeping the whole covariance is what makes the variance honest.
@@ -20,7 +20,8 @@ public:
     static constexpr std::size_t kBias = 2;       ///< first of three: bias of the accelerometer along Body x, y, z [m/s^2]
     static constexpr std::size_t kScaleDown = 5;  ///< relative error of the downward range [-]
     static constexpr std::size_t kScaleUp = 6;    ///< relative error of the upward range [-]
-    static constexpr std::size_t kFirstLevel = 7;
+    static constexpr std::size_t kBaro = 7;       ///< what the barometer reads at z = 0 [m]
+    static constexpr std::size_t kFirstLevel = 8;
     static constexpr std::size_t kMaxStates = kFirstLevel + kMaxLevels;
 
     /// One linear reading: observation = sum of coefficient x state, at most five states take part.
@@ -46,8 +47,8 @@ public:
     void predict_mean(double accel_up_m_s2, const Up& up, double dt_s);
 
     /// Covariance over dt_s with the mean of up over that time. accel_density in m/s^2/sqrt(Hz), bias_walk in
-    /// m/s^2/sqrt(s). Equation (2). Cost: states.
-    void predict_covariance(double dt_s, const Up& up, double accel_density, double bias_walk);
+    /// m/s^2/sqrt(s), baro_walk in m/sqrt(s). Equation (2). Cost: states.
+    void predict_covariance(double dt_s, const Up& up, double accel_density, double bias_walk, double baro_walk);
 
     /// Value that the row predicts, and its variance without the reading's own noise.
     [[nodiscard]] double expect(const Row& row) const;
@@ -55,6 +56,13 @@ public:
 
     /// Kalman step with one scalar reading. variance > 0. Cost: states squared. Equation (4).
     void correct(const Row& row, double observation, double variance);
+
+    /// As correct, but only this state learns; the others keep mean and variance. The covariance stays a true one,
+    /// equation (11). Cost: states.
+    void correct_only(std::size_t state, const Row& row, double observation, double variance);
+
+    /// Forgets the state and founds it anew as sum of coefficient x state + offset + noise; the row must not name it.
+    void restart_state(std::size_t state, const Row& row, double offset, double variance);
 
     /// Appends the level L = sum of coefficient x state + offset + noise. False: full, nothing changed. Equation (5).
     [[nodiscard]] bool add_level(const Row& row, double offset, double variance);

@@ -14,6 +14,7 @@ namespace {
 constexpr std::int64_t kSecond_us = 1000000;
 constexpr std::int64_t kSubstituteAfter_us = kSecond_us;      // the better message is silent for so long: take the coarser one
 constexpr std::int64_t kRestartJump_us = 5 * kSecond_us;      // the autopilot's clock went back this far: it restarted
+constexpr std::int64_t kBaroPeriod_us = 40000;  // HIGHRES_IMU repeats the pressure far more often than the sensor is read
 constexpr std::int64_t kLocalYawFresh_us = 200000;
 
 }  // namespace
@@ -97,6 +98,12 @@ void Bridge::take(const mavlink_message_t& message) {
         case MAVLINK_MSG_ID_HIGHRES_IMU: {
             mavlink_highres_imu_t in;
             mavlink_msg_highres_imu_decode(&message, &in);
+            baro_t height{};
+            if (from_mavlink(in, height)) {
+                take_baro(height, false);
+            } else if (says_pressure(in)) {
+                ++counters_.refused_samples;
+            }
             imu_t sample{};
             if (!from_mavlink(in, sample)) { ++counters_.refused_samples; return; }
             take_imu(sample, false);
@@ -108,6 +115,14 @@ void Bridge::take(const mavlink_message_t& message) {
             imu_t sample{};
             if (!from_mavlink(in, sample)) { ++counters_.refused_samples; return; }
             take_imu(sample, true);
+            return;
+        }
+        case MAVLINK_MSG_ID_SCALED_PRESSURE: {
+            mavlink_scaled_pressure_t in;
+            mavlink_msg_scaled_pressure_decode(&message, &in);
+            baro_t height{};
+            if (!from_mavlink(in, height)) { ++counters_.refused_samples; return; }
+            take_baro(height, true);
             return;
         }
         case MAVLINK_MSG_ID_ATTITUDE_QUATERNION: {
@@ -204,6 +219,17 @@ void Bridge::take_range(const mavlink_message_t& message) {
     if (direction == RangeDirection::up) { sink_.publish_up(last); } else { sink_.publish_down(last); }
 }
 
+/// Thinned out to the stream's rate; what is left out is not counted. A repeat is one of those.
+void Bridge::take_baro(baro_t& sample, const bool substitute) {
+    advance(sample.t_us);
+    if (!substitute) { fine_baro_us_ = now_us_; }
+    if (substitute && fine_baro_us_ >= 0 && now_us_ - fine_baro_us_ < kSubstituteAfter_us) { return; }
+    if (baro_.seq > 0 && sample.t_us - baro_.t_us < kBaroPeriod_us) { return; }
+    sample.seq = baro_.seq + 1;
+    baro_ = sample;
+    sink_.publish(baro_);
+}
+
 void Bridge::take_battery(const std::int8_t percent) {
     const float remaining = battery_from_percent(percent);
     if (remaining < 0.0F) { return; }
@@ -275,7 +301,9 @@ void Bridge::forget_autopilot_clock(const std::int64_t t_us) {
     attitude_.t_us = t_us - 1;
     range_up_.t_us = t_us - 1;
     range_down_.t_us = t_us - 1;
+    baro_.t_us = t_us - kBaroPeriod_us;
     fine_imu_us_ = -1;
+    fine_baro_us_ = -1;
     quaternion_us_ = -1;
     local_us_ = -1;
     local_yaw_us_ = -1;

@@ -13,6 +13,7 @@
 #include <span>
 
 #include "lcmtypes/noctule/attitude_t.hpp"
+#include "lcmtypes/noctule/baro_t.hpp"
 #include "lcmtypes/noctule/command_t.hpp"
 #include "lcmtypes/noctule/imu_t.hpp"
 #include "lcmtypes/noctule/nav_t.hpp"
@@ -38,6 +39,7 @@ public:
     virtual void publish(const attitude_t& message) = 0;
     virtual void publish_up(const range_t& message) = 0;
     virtual void publish_down(const range_t& message) = 0;
+    virtual void publish(const baro_t& message) = 0;
     virtual void publish(const vehicle_t& message) = 0;
     virtual void publish(const command_t& message) = 0;
 };
@@ -96,6 +98,7 @@ private:
     void take_imu(imu_t& sample, bool coarse);
     void take_attitude(const FullAttitude& attitude, bool substitute);
     void take_range(const mavlink_message_t& message);
+    void take_baro(baro_t& sample, bool substitute);
     void take_battery(std::int8_t percent);
     void take_ack(const mavlink_message_t& message);
     void take_timesync(const mavlink_message_t& message);
@@ -171,9 +174,11 @@ private:
     attitude_t attitude_{};
     range_t range_up_{};
     range_t range_down_{};
+    baro_t baro_{};
     vehicle_t vehicle_{};
     command_t command_{};
     std::int64_t fine_imu_us_ = -1;        ///< when HIGHRES_IMU last came
+    std::int64_t fine_baro_us_ = -1;       ///< when HIGHRES_IMU last had the pressure
     std::int64_t quaternion_us_ = -1;      ///< when ATTITUDE_QUATERNION last came
 
     // Nav

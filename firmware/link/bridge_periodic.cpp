@@ -20,6 +20,7 @@ constexpr std::int64_t kStreamsPeriod_us = 5 * kSecond_us;
 constexpr std::int64_t kLocalFresh_us = kSecond_us / 2;
 constexpr std::int64_t kRepeatedText_us = 5 * kSecond_us;
 constexpr float kTextBurst = 8.0F;
+constexpr float kBaro_hz = 20.0F;                            // streams.toml, BARO
 constexpr float kTexts_hz = 2.0F;
 
 }  // namespace
@@ -163,6 +164,8 @@ void Bridge::ask_for_streams() {
         }
         stream.count = 0;
     }
+    // Only for an autopilot whose HIGHRES_IMU has no pressure, and only where somebody wants it.
+    if (p_.alt_baro_sigma_m > 0.0F && (baro_.seq == 0 || baro_.t_us < streams_since_us_)) { ask(MAVLINK_MSG_ID_SCALED_PRESSURE, kBaro_hz); }
     streams_since_us_ = now_us_;
     next_streams_us_ = now_us_ + kStreamsPeriod_us;
 }

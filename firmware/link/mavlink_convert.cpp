@@ -16,6 +16,8 @@ constexpr float kMilli = 1e-3F;
 constexpr float kCentimetres_m = 100.0F;
 constexpr std::uint16_t kPositionVelocityYawMask = 0x09C0;  // ignores acceleration and yaw rate
 constexpr std::uint16_t kAccelGyroUpdated = 0x003F;         // three accelerometer and three gyroscope bits
+constexpr std::uint16_t kPressureUpdated = 0x0200;
+constexpr std::uint16_t kPressureAltUpdated = 0x0800;
 constexpr float kAttitudeVar_rad2 = 1e-4F;                  // roll and pitch are the autopilot's own: (0.01 rad)^2
 constexpr float kRateVar_rad2_s2 = 1e-2F;
 constexpr float kPolePitch = 0.999999F;
@@ -109,7 +111,33 @@ void set_imu(const Vector& accel_frd, const Vector& gyro_frd, imu_t& out) {
 
 Vector vector(const float (&v)[3]) { return {v[0], v[1], v[2]}; }
 
+/// Standard atmosphere (ISA, troposphere), hPa to metres. False where it means nothing.
+bool from_pressure(const float pressure_hpa, float& height_m) {
+    constexpr double kSeaLevel_hpa = 1013.25;
+    constexpr double kScale_m = 44330.77;
+    constexpr double kExponent = 0.1902632;
+    if (!(pressure_hpa > 100.0F && pressure_hpa < 1200.0F)) { return false; }
+    height_m = static_cast<float>(kScale_m * (1.0 - std::pow(static_cast<double>(pressure_hpa) / kSeaLevel_hpa, kExponent)));
+    return true;
+}
+
 }  // namespace
+
+bool says_pressure(const mavlink_highres_imu_t& in) { return (in.fields_updated & (kPressureUpdated | kPressureAltUpdated)) != 0; }
+
+bool from_mavlink(const mavlink_highres_imu_t& in, baro_t& out) {
+    out.t_us = static_cast<std::int64_t>(in.time_usec);
+    if ((in.fields_updated & kPressureAltUpdated) != 0) {
+        out.height_m = in.pressure_alt;
+        return std::isfinite(in.pressure_alt);
+    }
+    return (in.fields_updated & kPressureUpdated) != 0 && from_pressure(in.abs_pressure, out.height_m);
+}
+
+bool from_mavlink(const mavlink_scaled_pressure_t& in, baro_t& out) {
+    out.t_us = from_boot_ms(in.time_boot_ms);
+    return from_pressure(in.press_abs, out.height_m);
+}
 
 bool from_mavlink(const mavlink_highres_imu_t& in, imu_t& out) {
     const Vector accel{in.xacc, in.yacc, in.zacc};

@@ -10,6 +10,7 @@
 #include <cstdint>
 
 #include "command/setpoint.hpp"
+#include "lcmtypes/noctule/baro_t.hpp"
 #include "lcmtypes/noctule/imu_t.hpp"
 #include "lcmtypes/noctule/odom_t.hpp"
 #include "lcmtypes/noctule/range_t.hpp"
@@ -41,6 +42,14 @@ enum class RangeDirection : std::uint8_t { up, down, other };
 /// HIGHRES_IMU. False unless accelerometer and gyroscope are all marked as updated, and finite.
 [[nodiscard]] bool from_mavlink(const mavlink_highres_imu_t& in, imu_t& out);
 [[nodiscard]] mavlink_highres_imu_t to_highres_imu(const imu_t& in);
+
+/// The message claims to have the pressure or the height by it.
+[[nodiscard]] bool says_pressure(const mavlink_highres_imu_t& in);
+/// HIGHRES_IMU's pressure_alt; where it is not marked as updated, abs_pressure through the standard atmosphere. False: neither, or nonsense.
+[[nodiscard]] bool from_mavlink(const mavlink_highres_imu_t& in, baro_t& out);
+
+/// SCALED_PRESSURE through the standard atmosphere.
+[[nodiscard]] bool from_mavlink(const mavlink_scaled_pressure_t& in, baro_t& out);
 
 /// SCALED_IMU (milli-g, mrad/s): the coarser substitute.
 [[nodiscard]] bool from_mavlink(const mavlink_scaled_imu_t& in, imu_t& out);

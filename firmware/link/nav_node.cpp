@@ -50,6 +50,7 @@ Input NavNode::receive(const char* const channel, const std::uint8_t* const byte
     if (is(kChannelAttitude)) { return receive_attitude(bytes, size); }
     if (is(kChannelRangeDown)) { return receive_range(bytes, size, false); }
     if (is(kChannelRangeUp)) { return receive_range(bytes, size, true); }
+    if (is(kChannelBaro)) { return receive_baro(bytes, size); }
     if (is(kChannelVehicle)) { return receive_vehicle(bytes, size); }
     if (is(kChannelCommand)) { return receive_command(bytes, size); }
     return Input::other_channel;
@@ -93,6 +94,16 @@ Input NavNode::receive_range(const std::uint8_t* const bytes, const std::size_t 
     if (!decode(message, bytes, size)) { return Input::rejected_malformed; }
     auto& queue = up ? pending_.range_up : pending_.range_down;
     if (!queue.push(RangeSample{message.t_us, message.range_m, message.range_min_m, message.range_max_m})) {
+        ++refused_;
+        return Input::refused_full;
+    }
+    return Input::accepted;
+}
+
+Input NavNode::receive_baro(const std::uint8_t* const bytes, const std::size_t size) {
+    baro_t message{};
+    if (!decode(message, bytes, size)) { return Input::rejected_malformed; }
+    if (!pending_.baro.push(BaroSample{message.t_us, message.height_m})) {
         ++refused_;
         return Input::refused_full;
     }
@@ -164,13 +175,15 @@ void NavNode::step() {
     if (!scan_waiting_) { return; }
     const std::int64_t t_us = pending_.scan.t_us;
     run(Consumed{up_to(pending_.imu, t_us), up_to(pending_.attitude, t_us), up_to(pending_.range_up, t_us),
-                 up_to(pending_.range_down, t_us), up_to(pending_.vehicle, t_us), up_to(pending_.command, t_us)});
+                 up_to(pending_.range_down, t_us), up_to(pending_.vehicle, t_us), up_to(pending_.command, t_us),
+                 up_to(pending_.baro, t_us)});
 }
 
 bool NavNode::step_with(const Consumed& consumed) {
     if (!scan_waiting_ || consumed.imu > pending_.imu.size() || consumed.attitude > pending_.attitude.size() ||
         consumed.range_up > pending_.range_up.size() || consumed.range_down > pending_.range_down.size() ||
-        consumed.vehicle > pending_.vehicle.size() || consumed.command > pending_.command.size()) {
+        consumed.vehicle > pending_.vehicle.size() || consumed.command > pending_.command.size() ||
+        consumed.baro > pending_.baro.size()) {
         return false;
     }
     run(consumed);
@@ -185,6 +198,7 @@ void NavNode::run(const Consumed& consumed) {
     take(pending_.range_down, frame_.range_down, consumed.range_down);
     take(pending_.vehicle, frame_.vehicle, consumed.vehicle);
     take(pending_.command, frame_.command, consumed.command);
+    take(pending_.baro, frame_.baro, consumed.baro);
     frame_.scan = pending_.scan;
     scan_waiting_ = false;
 

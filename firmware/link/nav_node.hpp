@@ -13,6 +13,7 @@
 
 #include "estimate/output_predictor.hpp"
 #include "lcmtypes/noctule/attitude_t.hpp"
+#include "lcmtypes/noctule/baro_t.hpp"
 #include "lcmtypes/noctule/command_t.hpp"
 #include "lcmtypes/noctule/grid_tile_t.hpp"
 #include "lcmtypes/noctule/imu_t.hpp"
@@ -40,6 +41,7 @@ struct Consumed {
     std::size_t range_down = 0;
     std::size_t vehicle = 0;
     std::size_t command = 0;
+    std::size_t baro = 0;
 };
 
 class NavNode {
@@ -80,6 +82,7 @@ private:
     Input receive_imu(const std::uint8_t* bytes, std::size_t size);
     Input receive_attitude(const std::uint8_t* bytes, std::size_t size);
     Input receive_range(const std::uint8_t* bytes, std::size_t size, bool up);
+    Input receive_baro(const std::uint8_t* bytes, std::size_t size);
     Input receive_vehicle(const std::uint8_t* bytes, std::size_t size);
     Input receive_command(const std::uint8_t* bytes, std::size_t size);
     Input receive_scan(const std::uint8_t* bytes, std::size_t size);

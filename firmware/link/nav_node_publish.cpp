@@ -138,6 +138,7 @@ void NavNode::publish_nav(const NavOutput& output, const Consumed& consumed, con
     nav.range_down_used = static_cast<std::int32_t>(consumed.range_down);
     nav.vehicle_used = static_cast<std::int32_t>(consumed.vehicle);
     nav.command_used = static_cast<std::int32_t>(consumed.command);
+    nav.baro_used = static_cast<std::int32_t>(consumed.baro);
     nav.step_us = step_us;
     publish(kChannelNav, nav);
 }

@@ -34,6 +34,12 @@ struct RangeSample {
     float range_max_m = 0.0F;
 };
 
+/// Height by air pressure; the origin is arbitrary and drifts.
+struct BaroSample {
+    std::int64_t t_us = 0;
+    float height_m = 0.0F;
+};
+
 /// One sweep of the planar laser, frame Lidar. Beam i was cast at t_us - (count - 1 - i) * time_increment_us.
 struct Scan {
     std::int64_t t_us = 0;  ///< time of the last beam
@@ -75,6 +81,7 @@ struct SensorFrame {
     Bounded<AttitudeSample, kMaxAttitudePerStep> attitude;
     Bounded<RangeSample, kMaxRangePerStep> range_up;
     Bounded<RangeSample, kMaxRangePerStep> range_down;
+    Bounded<BaroSample, kMaxBaroPerStep> baro;
     Bounded<VehicleSample, kMaxVehiclePerStep> vehicle;
     Bounded<CommandSample, kMaxCommandPerStep> command;
     Scan scan;

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from noctule_sim.sensors import PROFILES, STANDARD_GRAVITY_M_S2, Imu, Profile, RangeSensor
+from noctule_sim.sensors import PROFILES, STANDARD_GRAVITY_M_S2, Barometer, Imu, Profile, RangeSensor
 
 REST_S = 3.0                 # on the ground before the first leg
 CLEARANCE_M = 0.12           # Body origin over the floor on the landing gear
@@ -83,6 +83,7 @@ class Samples:
     limits_m: tuple[float, float]
     true_z_m: np.ndarray
     true_x_m: np.ndarray
+    baro_m: np.ndarray            # (K,) with the ranges
 
 
 def motion(flight: Flight, t_s: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -129,7 +130,7 @@ def cast(solids: tuple[Solid, ...], place: np.ndarray, roll: np.ndarray, pitch: 
 def samples(flight: Flight, seed: int, profile: Profile | str = "default", trouble: Trouble = Trouble()) -> Samples:
     """The samples of one flight. One generator a sensor, children of the seed."""
     p = PROFILES[profile] if isinstance(profile, str) else profile
-    rngs = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(6)]
+    rngs = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(7)]
     imu_step_us = 1_000_000 // p.imu_stream_hz
     imu_t_us = np.arange(imu_step_us, int(flight.duration_s * 1e6) + 1, imu_step_us, dtype=np.int64)
     middle_s = (imu_t_us - IMU_SPAN_US / 2) * 1e-6  # a slower stream leaves samples out, it does not average
@@ -165,9 +166,11 @@ def samples(flight: Flight, seed: int, profile: Profile | str = "default", troub
     planar = np.zeros((count, 5))
     planar[:, 0] = place[:, 0] + PLACE_OFFSET_M * rngs[1].standard_normal()
     planar[:, 3] = speed[:, 0]
+    barometer = Barometer(p, rngs[6])
+    baro = np.array([barometer.measure(t, z) for t, z in zip(t_s.tolist(), place[:, 1].tolist())])
     landed = np.where(t_s <= REST_S, 1, 2).astype(np.int8)
     return Samples(imu_t_us, force + errors[:, :3], attitude_t_us, told, t_us, read[0], read[1], planar, landed,
-                   (p.range_min_m, p.range_max_m), place[:, 1], place[:, 0])
+                   (p.range_min_m, p.range_max_m), place[:, 1], place[:, 0], baro)
 
 
 class _Input(ctypes.Structure):
@@ -176,7 +179,7 @@ class _Input(ctypes.Structure):
                 ("range_count", ctypes.c_size_t), ("range_t_us", ctypes.c_void_p), ("range_down_m", ctypes.c_void_p),
                 ("range_up_m", ctypes.c_void_p), ("range_min_m", ctypes.c_float), ("range_max_m", ctypes.c_float),
                 ("scan_count", ctypes.c_size_t), ("scan_t_us", ctypes.c_void_p), ("planar", ctypes.c_void_p),
-                ("landed", ctypes.c_void_p)]
+                ("landed", ctypes.c_void_p), ("baro_m", ctypes.c_void_p)]
 
 
 class Level(ctypes.Structure):
@@ -205,7 +208,7 @@ class Answer:
 
 COUNTERS = ("matched", "founded", "unmatched", "refused_empty", "refused_input", "refused_range", "refused_tilt", "refused_time",
             "inertial_refused", "frames_refused", "levels_confirmed", "levels_forgotten", "levels_merged", "levels_evicted",
-            "shifts", "drifts")
+            "shifts", "drifts", "baro_used", "baro_refused", "baro_restarts")
 
 _library = None
 
@@ -253,7 +256,8 @@ def estimate(s: Samples, parameters: dict[str, float] | None = None) -> Answer:
     data = _Input(len(s.imu_t_us), pointer(s.imu_t_us, np.int64), pointer(s.accel_m_s2, np.float32),
                   len(s.attitude_t_us), pointer(s.attitude_t_us, np.int64), pointer(s.roll_pitch_rad, np.float32),
                   count, times, pointer(s.down_m, np.float32), pointer(s.up_m, np.float32), *s.limits_m,
-                  count, times, pointer(s.planar, np.float32), pointer(s.landed, np.int8))
+                  count, times, pointer(s.planar, np.float32), pointer(s.landed, np.int8),
+                  pointer(s.baro_m, np.float32))
     handle = lib.noctule_altitude_create()
     try:
         for name, value in (parameters or {}).items():
@@ -293,6 +297,12 @@ def flat_flight(length_m: float = 100.0) -> Flight:
         x += length_m / hops
         legs.append((length_m / hops / 0.6, x, 1.0))
     return Flight("flat", (FLOOR, Solid(-500.0, 500.0, 2.5, 2.8)), tuple(legs), (0.0,), (0.0,), (2.5,))
+
+
+def hover_flight() -> Flight:
+    """Up to 1.2 m under a ceiling of 2.5 m, then for 60 s slowly up and down by 0.4 m, to and fro over the same 2 m."""
+    legs = ((3.0, 0.0, 1.2), (12.0, 2.0, 1.6), (12.0, 0.0, 1.2), (12.0, 2.0, 1.6), (12.0, 0.0, 1.2), (12.0, 2.0, 1.6))
+    return Flight("hover", (FLOOR, Solid(-500.0, 500.0, 2.5, 2.8)), legs, (0.0,), (0.0,), (2.5,))
 
 
 def table_flight(crossings: int = 20) -> Flight:

@@ -146,6 +146,24 @@ def paper_preset() -> dict[str, float]:
             if v != PRESETS["default"][k] and k.startswith(("alt_", "range_", "floor_", "ground_"))}
 
 
+LONG_SILENCE = Trouble(silent_s=((20.0, 50.0),))
+BAROMETER = {"alt_baro_sigma_m": 0.12}   # of one sample; the profile's is 0.10
+
+
+def silence_rows(seeds: int) -> list[dict]:
+    """30 s without a range, with the barometer off (the default) and on. The greatest error is that of the silence."""
+    rows = []
+    for sensors in ("default", "harsh"):
+        for label, parameters in (("no barometer", None), ("barometer", BAROMETER)):
+            batch = fly(profile.hover_flight(), seeds, sensors, LONG_SILENCE, parameters)
+            name, on = f"30 s of silence, {sensors}, {label}", parameters is not None
+            rows += [row(f"{name}: greatest error, mean of the seeds", _cm(batch.greatest_m), "cm"),
+                     row(f"{name}: the same, worst seed", _worst_cm(batch.greatest_m), "cm", None, "<= 50" if on else None),
+                     row(f"{name}: within two sigmas, share of the flight", float(batch.covered.mean()), "-"),
+                     row(f"{name}: steps without a valid height", batch.lost, "-", None, "== 0" if on else None)]
+    return rows
+
+
 HARDER = {
     "5 % echoes": Trouble(outliers=0.05),
     "2 s of silence, twice": Trouble(silent_s=((12.0, 14.0), (27.0, 29.0))),
@@ -176,6 +194,7 @@ def bench_altitude(quick: bool, fresh: bool) -> list[dict]:
     rows += harder_rows("stairs", fly(profile.stair_flight(), seeds))
     for label, trouble in HARDER.items():
         rows += harder_rows(label, fly(profile.paper_flight(), seeds, trouble=trouble))
+    rows += silence_rows(seeds)
     for flight in (profile.paper_flight(), profile.flat_flight(), profile.stair_flight()):
         rows += harsh_rows(flight.name, fly(flight, seeds, "harsh"), climbs=flight.name == "stairs")
     steps_us = np.concatenate([paper.step_ns, tables.step_ns]) * 1e-3

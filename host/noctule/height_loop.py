@@ -132,6 +132,7 @@ def fly(script: Script, seed: int, profile: str = "default", max_time_s: float =
                     node.receive("ATTITUDE", encoder.attitude(a))
                 node.receive("RANGE_UP", encoder.range(data.t_us, data.range_up_m, True))
                 node.receive("RANGE_DOWN", encoder.range(data.t_us, data.range_down_m, False))
+                node.receive("BARO", encoder.baro(data.t_us, data.baro_m))
                 for sample in data.imu:
                     node.receive("IMU", encoder.imu(sample))
                 if data.scan_m is not None:

@@ -33,8 +33,8 @@ class _Encoder:
 
     def __init__(self, simulation: Simulation):
         profile = simulation.profile
-        self._types = {n: record.message_type(f"{n}_t") for n in ("imu", "attitude", "range", "vehicle", "command", "scan")}
-        self._seq = dict.fromkeys(("imu", "attitude", "up", "down", "vehicle", "command", "scan"), -1)
+        self._types = {n: record.message_type(f"{n}_t") for n in ("imu", "attitude", "range", "baro", "vehicle", "command", "scan")}
+        self._seq = dict.fromkeys(("imu", "attitude", "up", "down", "baro", "vehicle", "command", "scan"), -1)
         scan = self._types["scan"]()
         bearings = simulation.laser.bearings_rad
         scan.count = len(bearings)
@@ -66,6 +66,11 @@ class _Encoder:
         m = self._types["range"]()
         m.t_us, m.seq, m.range_m = t_us, self._next("up" if up else "down"), range_m
         m.range_min_m, m.range_max_m = self._range_limits
+        return m.encode()
+
+    def baro(self, t_us: int, height_m: float) -> bytes:
+        m = self._types["baro"]()
+        m.t_us, m.seq, m.height_m = t_us, self._next("baro"), height_m
         return m.encode()
 
     def scan(self, t_us: int, range_m: np.ndarray) -> bytes:
@@ -180,6 +185,7 @@ def _loop(simulation: Simulation, node: Node, log, truth) -> list[float]:
             send("ATTITUDE", encoder.attitude(attitude))
         send("RANGE_UP", encoder.range(data.t_us, data.range_up_m, True))
         send("RANGE_DOWN", encoder.range(data.t_us, data.range_down_m, False))
+        send("BARO", encoder.baro(data.t_us, data.baro_m))
         for sample in data.imu:
             send("IMU", encoder.imu(sample))
         if data.scan_m is not None:

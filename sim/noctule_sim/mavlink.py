@@ -18,6 +18,7 @@ from .simulation import AttitudeOut, Inertial, OdometryIn, SetpointIn, Simulatio
 SYSTEM, COMPONENT = 1, 1
 DATAGRAM_BYTES = 1400
 STATUS_EVERY, STATE_EVERY = 20, 4          # ticks: 1 Hz and 5 Hz
+PRESSURE_ALT = 0x0800                      # of fields_updated
 IMU_FIELDS = 0x01FF                        # accelerometer, gyroscope, magnetometer
 CAPACITY_CELLS = 4
 
@@ -118,7 +119,7 @@ class MavlinkLink:
         x, y, z, vx, vy, vz, _ = tick.local
         messages.append(mav.MAVLink_local_position_ned_message(end_ms, x, -y, -z, vx, -vy, -vz))
         messages.append(_attitude(tick.attitude[-1]))
-        messages.append(_imu(tick.imu[-1], magnet))
+        messages.append(_imu(tick.imu[-1], magnet, tick.baro_m))
         self._send(messages)
 
     def _states(self, tick: TickData) -> list:
@@ -283,9 +284,10 @@ class MavlinkLink:
             self._outbox.append(mav.MAVLink_statustext_message(mav.MAV_SEVERITY_WARNING, text.encode()[:50]))
 
 
-def _imu(s: Inertial, magnet):
+def _imu(s: Inertial, magnet, baro_m: float | None = None):
+    height = (0.0, IMU_FIELDS) if baro_m is None else (baro_m, IMU_FIELDS | PRESSURE_ALT)
     return mav.MAVLink_highres_imu_message(
-        s.t_us, s.ax, -s.ay, -s.az, s.gx, -s.gy, -s.gz, magnet[0], -magnet[1], -magnet[2], 0.0, 0.0, 0.0, 0.0, IMU_FIELDS)
+        s.t_us, s.ax, -s.ay, -s.az, s.gx, -s.gy, -s.gz, magnet[0], -magnet[1], -magnet[2], 0.0, 0.0, height[0], 0.0, height[1])
 
 
 def _attitude(a: AttitudeOut):

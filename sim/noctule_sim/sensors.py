@@ -32,6 +32,8 @@ class Profile:
     range_step_m: float = 0.01
     range_dropouts: float = 0.01
     range_scale: float = 0.0              # greatest scale error of the up and down sensors, drawn per seed
+    baro_sigma_m: float = 0.10
+    baro_drift_m: float = 0.10            # amplitude of each of two slow waves: the ventilation of the building
     gyro_density: float = math.radians(0.007)                     # rad/s/sqrt(Hz)
     gyro_bias_rad_s: float = math.radians(0.1)
     accel_density: float = 150e-6 * STANDARD_GRAVITY_M_S2         # m/s^2/sqrt(Hz)
@@ -47,6 +49,7 @@ PROFILES = {
     "default": Profile(),
     "ideal": Profile(
         laser_sigma_m=0.0, laser_step_m=0.0, sweep_s=0.0, laser_dropouts=0.0, range_sigma_m=0.0, range_step_m=0.0, range_dropouts=0.0,
+        baro_sigma_m=0.0, baro_drift_m=0.0,
         gyro_density=0.0, gyro_bias_rad_s=0.0, accel_density=0.0, accel_bias_m_s2=0.0, magnet_sigma_gauss=0.0, magnet_distortion_gauss=0.0,
     ),
 }
@@ -110,6 +113,26 @@ class RangeSensor:
         if p.range_step_m:
             r = math.floor(r / p.range_step_m + 0.5) * p.range_step_m
         return r if p.range_min_m - 1e-9 <= r <= p.range_max_m + 1e-9 else math.nan
+
+
+class Barometer:
+    """Height by air pressure: white noise, an origin of the day, and two slow waves whose period and phase are drawn per seed."""
+
+    ORIGIN_M = 300.0                      # greatest distance of the origin from World's
+    PERIOD_S = (40.0, 160.0)
+
+    def __init__(self, profile: Profile, rng: np.random.Generator):
+        self.profile = profile
+        self._rng = rng
+        self._origin_m = float(rng.uniform(-self.ORIGIN_M, self.ORIGIN_M))
+        self._rate_rad_s = (2.0 * math.pi / rng.uniform(*self.PERIOD_S, 2)).tolist()
+        self._phase_rad = rng.uniform(0.0, 2.0 * math.pi, 2).tolist()
+
+    def measure(self, t_s: float, true_z_m: float) -> float:
+        """Measured height [m] over the origin of the day."""
+        p = self.profile
+        drift = p.baro_drift_m * sum(math.sin(w * t_s + a) for w, a in zip(self._rate_rad_s, self._phase_rad))
+        return true_z_m + self._origin_m + drift + p.baro_sigma_m * float(self._rng.standard_normal())
 
 
 class Imu:

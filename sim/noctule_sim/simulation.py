@@ -16,7 +16,7 @@ import numpy as np
 
 from .autopilot import Autopilot, Landed, Mode
 from .geometry import Geometry
-from .sensors import PROFILES, Imu, Laser, Magnetometer, RangeSensor
+from .sensors import PROFILES, Barometer, Imu, Laser, Magnetometer, RangeSensor
 from .vehicle import PHYSICS_STEP_S, Airframe, Vehicle, quaternion_to_euler
 from .world import World
 
@@ -126,6 +126,7 @@ class TickData:
     messages: list[tuple[int, str]]    # severity and text that the autopilot said
     truth: Truth
     image: tuple[int, np.ndarray] | None = None  # time of exposure [us], (240, 320, 3) BGR
+    baro_m: float = math.nan           # height by air pressure, origin arbitrary
 
 
 @dataclass
@@ -167,12 +168,13 @@ class Simulation:
         self.vehicle = Vehicle(world, self.airframe)
         self.autopilot = Autopilot(self.airframe, flavour)
         self.geometry = Geometry(world)
-        streams = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(5)]
+        streams = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(6)]
         self.laser = Laser(self.profile, streams[0])
         self.range_up = RangeSensor(self.profile, streams[1])
         self.range_down = RangeSensor(self.profile, streams[2])
         self.imu = Imu(self.profile, streams[3])
         self.magnetometer = Magnetometer(self.profile, streams[4])
+        self.barometer = Barometer(self.profile, streams[5])
         self._mount = np.array([p["lidar_x_m"], p["lidar_y_m"], p["lidar_z_m"], p["lidar_yaw_rad"]])
         self._up_z, self._down_z = p["range_up_z_m"], p["range_down_z_m"]
         self.camera = None
@@ -280,7 +282,7 @@ class Simulation:
         up, down = self._ranges()
         scan = None if self._fault("lidar-cut") else self._scan(end_us * 1e-6)
         data = TickData(end_us, samples, attitudes, self.magnetometer.measure(vehicle.position_m, vehicle.attitude), up, down, scan,
-                        local, messages, self._truth(end_us * 1e-6), image)
+                        local, messages, self._truth(end_us * 1e-6), image, self.barometer.measure(end_us * 1e-6, vehicle.position_m[2]))
         self._judge(data.truth, end_us)
         return data
 

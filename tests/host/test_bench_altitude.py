@@ -173,3 +173,33 @@ def test_surface_below_is_the_highest_under_the_point():
     assert height_loop.surface_below(primitives, 3.0, 1.0, 1.0) == pytest.approx(0.0)
     assert height_loop.surface_below(primitives, 10.0, 4.0, 3.4) == pytest.approx(2.41)
     assert height_loop.surface_below(primitives, 10.0, 4.0, 1.0) == pytest.approx(0.0)
+
+
+def test_the_barometer_follows_the_height_and_leaves_the_other_samples_alone():
+    s = profile.samples(profile.hover_flight(), 3)
+    offset = s.baro_m - s.true_z_m
+    assert 0.09 < np.std(np.diff(offset)) / math.sqrt(2) < 0.11
+    assert np.ptp(offset.reshape(-1, 20).mean(axis=1)) < 0.55
+    quiet = profile.samples(profile.hover_flight(), 3, replace(PROFILES["default"], baro_sigma_m=0.0))
+    np.testing.assert_array_equal(s.down_m, quiet.down_m)
+    np.testing.assert_array_equal(s.accel_m_s2, quiet.accel_m_s2)
+
+
+@needs_library
+def test_without_its_parameter_the_barometer_is_not_there_and_with_it_silence_is_survived():
+    s = profile.samples(profile.hover_flight(), 3, "harsh", bench_altitude.LONG_SILENCE)
+    off = profile.estimate(s)
+    np.testing.assert_array_equal(off.z_m, profile.estimate(replace(s, baro_m=s.baro_m + 50.0)).z_m)
+    assert off.counters["baro_used"] == 0 and not off.valid.all()
+    on = profile.estimate(s, bench_altitude.BAROMETER)
+    assert on.counters["baro_used"] > 1200 and on.valid.all()
+    assert np.abs(on.z_m - s.true_z_m).max() < 0.5
+
+
+def test_the_bench_compares_silence_with_and_without_it(monkeypatch):
+    asked = []
+    batch = bench_altitude.Batch(*np.full((7, 2), 0.1), 0, 0, {}, np.zeros(1), np.zeros(1), 1)
+    monkeypatch.setattr(bench_altitude, "fly", lambda *a: asked.append(a[2:]) or batch)
+    rows = bench_altitude.silence_rows(2)
+    assert [a[2] for a in asked] == [None, bench_altitude.BAROMETER] * 2 and [a[0] for a in asked] == ["default"] * 2 + ["harsh"] * 2
+    assert len(rows) == 16 and all(a[1].silent_s == ((20.0, 50.0),) for a in asked)

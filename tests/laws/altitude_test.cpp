@@ -154,7 +154,7 @@ void predicted_covariance_matches_sampled_spread() {
     const AltitudeJoint::Up up{-0.2, 0.1, 0.97};
     for (int i = 0; i < 10; ++i) {
         joint.predict_mean(0.3, up, 0.05);
-        joint.predict_covariance(0.05, up, 0.2, 0.0);
+        joint.predict_covariance(0.05, up, 0.2, 0.0, 0.0);
     }
     std::mt19937 rng{7};
     std::normal_distribution<double> unit{0.0, 1.0};
@@ -219,6 +219,36 @@ void two_levels_and_z_match_batch_least_squares() {
     TEST_ASSERT_DOUBLE_WITHIN(1e-12, n00 / det, joint.covariance(J::kFirstLevel, J::kFirstLevel));
 }
 
+void offset_that_learns_alone_keeps_a_true_covariance() {
+    using J = AltitudeJoint;
+    static AltitudeJoint joint;
+    joint.start({1.0}, {0.04, 1.0});
+    J::Row offset;
+    offset.add(J::kZ, -1.0);
+    joint.restart_state(J::kBaro, offset, 58.0, 0.25);
+    J::Row reading;
+    reading.add(J::kZ, 1.0);
+    reading.add(J::kBaro, 1.0);
+    joint.correct_only(J::kBaro, reading, 58.5, 0.25);
+    // Two readings of one offset: their mean less z, with half of their variance and z's.
+    TEST_ASSERT_DOUBLE_WITHIN(1e-12, 57.25, joint.mean(J::kBaro));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-12, 0.165, joint.covariance(J::kBaro, J::kBaro));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-12, -0.04, joint.covariance(J::kBaro, J::kZ));
+    joint.loosen(0.04, 0.0);
+    const double a = joint.covariance(J::kZ, J::kZ);
+    const double b = joint.covariance(J::kZ, J::kBaro);
+    const double c = joint.covariance(J::kBaro, J::kBaro);
+    const double k = (b + c) / (a + 2.0 * b + c + 0.25);
+    joint.correct_only(J::kBaro, reading, 58.0, 0.25);
+    // (I - K H) P (I - K H)^T + K R K^T with K = (0, k), H = (1, 1), written out.
+    TEST_ASSERT_EQUAL_DOUBLE(1.0, joint.mean(J::kZ));
+    TEST_ASSERT_EQUAL_DOUBLE(a, joint.covariance(J::kZ, J::kZ));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-12, b * (1.0 - k) - a * k, joint.covariance(J::kZ, J::kBaro));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-12, k * k * a - 2.0 * k * (1.0 - k) * b + (1.0 - k) * (1.0 - k) * c + k * k * 0.25,
+                              joint.covariance(J::kBaro, J::kBaro));
+    TEST_ASSERT_EQUAL_DOUBLE(joint.covariance(J::kZ, J::kBaro), joint.covariance(J::kBaro, J::kZ));
+}
+
 void forgetting_a_level_leaves_the_others_as_they_were() {
     using J = AltitudeJoint;
     static AltitudeJoint joint;
@@ -255,6 +285,7 @@ int main() {
     RUN_TEST(scale_errors_are_covered_when_the_parameter_admits_them);
     RUN_TEST(predicted_covariance_matches_sampled_spread);
     RUN_TEST(two_levels_and_z_match_batch_least_squares);
+    RUN_TEST(offset_that_learns_alone_keeps_a_true_covariance);
     RUN_TEST(forgetting_a_level_leaves_the_others_as_they_were);
     return UNITY_END();
 }

@@ -164,6 +164,30 @@ static void a_full_queue_refuses_the_newest() {
     TEST_ASSERT_EQUAL(Input::refused_full, bench.imu(4000 * (kMaxImuPerStep + 1)));
 }
 
+static void barometer_samples_wait_for_their_step_and_are_counted() {
+    Bench bench;
+    baro_t sample{};
+    sample.height_m = 12.0F;
+    for (std::int64_t t_us = 50000; t_us <= 150000; t_us += 50000) {
+        sample.t_us = t_us;
+        TEST_ASSERT_EQUAL(Input::accepted, bench.send(kChannelBaro, sample));
+    }
+    static_cast<void>(bench.scan(100000, 0));
+    static_cast<void>(bench.imu(100000));
+    bench.node->step();
+    TEST_ASSERT_EQUAL(2, bench.box.nav.baro_used);
+    static_cast<void>(bench.scan(150000, 1));
+    Consumed consumed;
+    consumed.baro = 2;
+    TEST_ASSERT_FALSE(bench.node->step_with(consumed));
+    consumed.baro = 1;
+    TEST_ASSERT_TRUE(bench.node->step_with(consumed));
+    TEST_ASSERT_EQUAL(1, bench.box.nav.baro_used);
+    for (std::size_t i = 0; i < kMaxBaroPerStep; ++i) { TEST_ASSERT_EQUAL(Input::accepted, bench.send(kChannelBaro, sample)); }
+    TEST_ASSERT_EQUAL(Input::refused_full, bench.send(kChannelBaro, sample));
+    TEST_ASSERT_EQUAL_UINT32(1, bench.node->refused());
+}
+
 static void replay_obeys_the_counts_of_the_log() {
     Bench bench;
     for (std::int64_t t_us = 4000; t_us <= 100000; t_us += 4000) { static_cast<void>(bench.imu(t_us)); }
@@ -188,6 +212,7 @@ int main() {
     RUN_TEST(garbage_is_refused_and_counted_and_changes_nothing);
     RUN_TEST(a_repeated_scan_is_refused_and_a_newer_one_replaces_the_waiting_one);
     RUN_TEST(a_full_queue_refuses_the_newest);
+    RUN_TEST(barometer_samples_wait_for_their_step_and_are_counted);
     RUN_TEST(replay_obeys_the_counts_of_the_log);
     return UNITY_END();
 }

@@ -89,6 +89,7 @@ def test_a_tick_ends_with_the_inertial_sample_of_its_time_and_is_in_order(flown)
         kinds = [m.get_type() for m in tick]
         assert kinds.count("DISTANCE_SENSOR") == 2 and kinds.count("LOCAL_POSITION_NED") == 1
         times = [m.time_usec for m in tick if m.get_type() == "HIGHRES_IMU"]
+        assert [m.time_usec for m in tick if m.get_type() == "HIGHRES_IMU" and m.fields_updated & 0x0800] == times[-1:]  # the pressure
         assert times == sorted(times) and 12 <= len(times) <= 13
 
 

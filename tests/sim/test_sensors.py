@@ -4,7 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from noctule_sim.sensors import PROFILES, Imu, Laser, Magnetometer, RangeSensor
+from noctule_sim.sensors import PROFILES, Barometer, Imu, Laser, Magnetometer, RangeSensor
 
 DEFAULT = PROFILES["default"]
 
@@ -87,3 +87,19 @@ def test_the_magnetic_field_is_bent_indoors():
     level = (1.0, 0.0, 0.0, 0.0)
     heading = [math.atan2(*sensor.measure((x, 0.5 * x, 1.0), level)[1::-1]) for x in np.linspace(0, 10, 60)]
     assert max(heading) - min(heading) > math.radians(5)
+
+
+def test_the_barometer_is_white_noise_on_a_slow_drift_from_an_origin_of_the_seed():
+    ends = []
+    for seed in range(20):
+        sensor = Barometer(DEFAULT, np.random.default_rng(seed))
+        t = np.arange(0.0, 120.0, 0.05)
+        h = np.array([sensor.measure(v, 1.0) for v in t])
+        slow = h.reshape(-1, 20).mean(axis=1)
+        assert np.std(np.diff(h)) == pytest.approx(math.sqrt(2) * 0.10, rel=0.06)
+        assert 0.1 < np.ptp(slow) < 0.55
+        assert np.abs(np.diff(slow)).max() < 0.15         # a second of drift, and the noise of 20 samples
+        ends.append(h[0])
+    assert np.std(ends) > 50.0
+    still = Barometer(PROFILES["ideal"], rng())
+    assert still.measure(50.0, 3.0) - still.measure(0.0, 1.0) == pytest.approx(2.0)

@@ -45,6 +45,8 @@ struct Sensors {
     double tilt_rad = 0.0;                     // amplitude of a slow roll on top of the flight
     std::vector<std::pair<double, double>> silent_s;  // both ranges silent between these times
     int imu_hz = 250;
+    double baro_sigma_m = 0.0;                 // 0: there is no barometer
+    double baro_drift_m = 0.10;                // amplitude of each of two slow waves
 };
 
 struct Truth {
@@ -108,6 +110,11 @@ public:
         std::mt19937 rng{seed};
         std::normal_distribution<double> unit{0.0, 1.0};
         std::uniform_real_distribution<double> uniform{0.0, 1.0};
+        std::mt19937 baro_rng{seed + 1000U};  // its own, so that the other readings stay as they are
+        std::normal_distribution<double> baro_unit{0.0, 1.0};
+        std::uniform_real_distribution<double> baro_phase{0.0, 6.283185307};
+        const double phase_fast = baro_phase(baro_rng);
+        const double phase_slow = baro_phase(baro_rng);
         const double place_error_m = 0.03 * unit(rng);
         const int ticks = static_cast<int>(std::lround(duration_s() * 20.0));
         std::int64_t imu_us = 0;
@@ -123,6 +130,7 @@ public:
             frame.attitude.clear();
             frame.range_up.clear();
             frame.range_down.clear();
+            frame.baro.clear();
             frame.vehicle.clear();
             frame.command.clear();
             frame.scan.t_us = t_us;
@@ -154,6 +162,10 @@ public:
                 (void)(is_up ? frame.range_up : frame.range_down)
                     .push({t_us, static_cast<float>(range), static_cast<float>(sensors.range_min_m),
                            static_cast<float>(sensors.range_max_m)});
+            }
+            if (sensors.baro_sigma_m > 0.0) {
+                const double drift = sensors.baro_drift_m * (std::sin(0.11 * truth.t_s + phase_fast) + std::sin(0.05 * truth.t_s + phase_slow));
+                (void)frame.baro.push({t_us, static_cast<float>(57.0 + truth.z_m + drift + sensors.baro_sigma_m * baro_unit(baro_rng))});
             }
             if (tick % 4 == 1) {
                 noctule::VehicleSample vehicle;

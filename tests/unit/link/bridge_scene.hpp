@@ -25,6 +25,7 @@ public:
     void publish(const attitude_t& m) override { attitude.push_back(m); }
     void publish_up(const range_t& m) override { up.push_back(m); }
     void publish_down(const range_t& m) override { down.push_back(m); }
+    void publish(const baro_t& m) override { baro.push_back(m); }
     void publish(const vehicle_t& m) override { vehicle.push_back(m); }
     void publish(const command_t& m) override { command.push_back(m); }
 
@@ -34,6 +35,7 @@ public:
     std::vector<attitude_t> attitude;
     std::vector<range_t> up;
     std::vector<range_t> down;
+    std::vector<baro_t> baro;
     std::vector<vehicle_t> vehicle;
     std::vector<command_t> command;
 

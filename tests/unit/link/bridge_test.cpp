@@ -314,6 +314,66 @@ static void the_parameter_table_can_be_read() {
     TEST_ASSERT_EQUAL_FLOAT(s.parameters.speed_max_m_s, value.param_value);
 }
 
+static void pressure_reaches_nav_thinned_out_and_before_the_inertial_sample() {
+    static Scene s;
+    s.run(2.0);
+    mavlink_highres_imu_t m{};
+    m.zacc = -9.81F;
+    m.fields_updated = 0x083F;
+    const std::size_t imu_before = s.out.imu.size();
+    for (int i = 1; i <= 250; ++i) {  // a second of PX4's: the pressure in each
+        m.time_usec = static_cast<std::uint64_t>(s.t_us + i * 4000);
+        m.pressure_alt = static_cast<float>(i);
+        s.from_autopilot(mavlink_msg_highres_imu_encode_status, m);
+        if (i == 1) { TEST_ASSERT_EQUAL_size_t(1, s.out.baro.size()); }
+    }
+    TEST_ASSERT_EQUAL_size_t(imu_before + 250, s.out.imu.size());
+    TEST_ASSERT_EQUAL_size_t(25, s.out.baro.size());
+    TEST_ASSERT_EQUAL_INT32(1, s.out.baro.front().seq);
+    TEST_ASSERT_EQUAL_FLOAT(11.0F, s.out.baro[1].height_m);
+    TEST_ASSERT_EQUAL_INT64(s.t_us + 44000, s.out.baro[1].t_us);
+
+    const std::uint64_t refused = s.bridge.counters().refused_samples;
+    m.time_usec += 50000;
+    m.pressure_alt = NAN;
+    s.from_autopilot(mavlink_msg_highres_imu_encode_status, m);
+    TEST_ASSERT_EQUAL_size_t(25, s.out.baro.size());
+    TEST_ASSERT_EQUAL_size_t(imu_before + 251, s.out.imu.size());  // the rest of the message is good
+    TEST_ASSERT_EQUAL_UINT64(refused + 1, s.bridge.counters().refused_samples);
+}
+
+static void the_coarser_pressure_serves_while_the_better_is_silent_and_is_asked_for_when_wanted() {
+    static Scene s;
+    s.parameters.alt_baro_sigma_m = 0.12F;
+    s.run(3.0);
+    const auto asked = [&] {
+        std::size_t n = 0;
+        for (const auto& c : s.commands(MAV_CMD_SET_MESSAGE_INTERVAL)) { n += c.param1 == static_cast<float>(MAVLINK_MSG_ID_SCALED_PRESSURE) ? 1U : 0U; }
+        return n;
+    };
+    TEST_ASSERT_EQUAL_size_t(1, asked());
+    mavlink_scaled_pressure_t coarse{};
+    coarse.press_abs = 1000.0F;
+    coarse.time_boot_ms = static_cast<std::uint32_t>(s.t_us / 1000);
+    s.from_autopilot(mavlink_msg_scaled_pressure_encode_status, coarse);
+    TEST_ASSERT_EQUAL_size_t(1, s.out.baro.size());
+    mavlink_highres_imu_t fine{};
+    fine.time_usec = static_cast<std::uint64_t>(s.t_us + 50000);
+    fine.fields_updated = 0x083F;
+    s.from_autopilot(mavlink_msg_highres_imu_encode_status, fine);
+    TEST_ASSERT_EQUAL_size_t(2, s.out.baro.size());
+    coarse.time_boot_ms += 500;
+    s.from_autopilot(mavlink_msg_scaled_pressure_encode_status, coarse);
+    TEST_ASSERT_EQUAL_size_t(2, s.out.baro.size());  // the better one spoke half a second ago
+    coarse.time_boot_ms += 1000;
+    s.from_autopilot(mavlink_msg_scaled_pressure_encode_status, coarse);
+    TEST_ASSERT_EQUAL_size_t(3, s.out.baro.size());
+
+    static Scene off;
+    off.run(3.0);
+    for (const auto& c : off.commands(MAV_CMD_SET_MESSAGE_INTERVAL)) { TEST_ASSERT_NOT_EQUAL(static_cast<float>(MAVLINK_MSG_ID_SCALED_PRESSURE), c.param1); }
+}
+
 static void what_the_autopilot_does_not_send_is_asked_for() {
     static Scene s;
     s.run(3.0);
@@ -361,6 +421,8 @@ int main() {
     RUN_TEST(timesync_is_answered_on_the_autopilots_clock);
     RUN_TEST(a_second_autopilot_is_ignored_and_named);
     RUN_TEST(the_parameter_table_can_be_read);
+    RUN_TEST(pressure_reaches_nav_thinned_out_and_before_the_inertial_sample);
+    RUN_TEST(the_coarser_pressure_serves_while_the_better_is_silent_and_is_asked_for_when_wanted);
     RUN_TEST(what_the_autopilot_does_not_send_is_asked_for);
     RUN_TEST(texts_do_not_flood_the_link);
     return UNITY_END();

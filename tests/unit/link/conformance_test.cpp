@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "lcmtypes/noctule/attitude_t.hpp"
+#include "lcmtypes/noctule/baro_t.hpp"
 #include "lcmtypes/noctule/command_t.hpp"
 #include "lcmtypes/noctule/imu_t.hpp"
 #include "lcmtypes/noctule/odom_t.hpp"
@@ -77,6 +78,12 @@ static void range() {
     TEST_ASSERT_EQUAL_FLOAT(12.0F, m.range_max_m);
 }
 
+static void baro() {
+    const auto m = read_and_write<baro_t>("baro_t");
+    TEST_ASSERT_EQUAL_INT64(150000, m.t_us);
+    TEST_ASSERT_EQUAL_FLOAT(-123.625F, m.height_m);
+}
+
 static void command() {
     const auto m = read_and_write<command_t>("command_t");
     TEST_ASSERT_EQUAL_INT32(command_t::ABORT, m.command);
@@ -109,6 +116,7 @@ int main() {
     RUN_TEST(imu);
     RUN_TEST(attitude);
     RUN_TEST(range);
+    RUN_TEST(baro);
     RUN_TEST(command);
     RUN_TEST(vehicle);
     RUN_TEST(odom);

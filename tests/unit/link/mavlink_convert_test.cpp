@@ -62,6 +62,47 @@ static void an_imu_message_without_all_six_axes_or_with_nan_is_refused() {
     TEST_ASSERT_FALSE(from_mavlink(in, out));
 }
 
+static void pressure_altitude_comes_as_it_is_and_pressure_by_the_standard_atmosphere() {
+    mavlink_highres_imu_t in{};
+    baro_t out{};
+    in.time_usec = 7000000;
+    in.pressure_alt = -12.5F;
+    in.abs_pressure = 954.6083F;  // 500 m in the tables of the standard atmosphere
+    in.fields_updated = 0x3F;
+    TEST_ASSERT_FALSE(says_pressure(in));
+    TEST_ASSERT_FALSE(from_mavlink(in, out));
+    in.fields_updated = 0x0A3F;
+    TEST_ASSERT_TRUE(from_mavlink(in, out));
+    TEST_ASSERT_EQUAL_INT64(7000000, out.t_us);
+    within(0.0F, -12.5F, out.height_m);
+    in.fields_updated = 0x0200;
+    TEST_ASSERT_TRUE(from_mavlink(in, out));
+    within(0.2F, 500.0F, out.height_m);
+    mavlink_scaled_pressure_t scaled{};
+    scaled.time_boot_ms = 1500;
+    scaled.press_abs = 898.7457F;  // 1000 m
+    TEST_ASSERT_TRUE(from_mavlink(scaled, out));
+    TEST_ASSERT_EQUAL_INT64(1500000, out.t_us);
+    within(0.2F, 1000.0F, out.height_m);
+}
+
+static void a_pressure_that_is_none_is_refused() {
+    mavlink_highres_imu_t in{};
+    mavlink_scaled_pressure_t scaled{};
+    baro_t out{};
+    in.fields_updated = 0x0800;
+    in.pressure_alt = kNaN;
+    TEST_ASSERT_TRUE(says_pressure(in));
+    TEST_ASSERT_FALSE(from_mavlink(in, out));
+    in.fields_updated = 0x0200;
+    for (const float pressure_hpa : {0.0F, -5.0F, 5000.0F, kNaN}) {
+        in.abs_pressure = pressure_hpa;
+        scaled.press_abs = pressure_hpa;
+        TEST_ASSERT_FALSE(from_mavlink(in, out));
+        TEST_ASSERT_FALSE(from_mavlink(scaled, out));
+    }
+}
+
 static void scaled_imu_is_in_milli_g_and_milliradians() {
     mavlink_scaled_imu_t in{};
     in.time_boot_ms = 4294967295U;
@@ -356,6 +397,8 @@ int main() {
     UNITY_BEGIN();
     RUN_TEST(gravity_at_rest_is_minus_z_of_frd_and_plus_z_of_flu);
     RUN_TEST(an_imu_message_without_all_six_axes_or_with_nan_is_refused);
+    RUN_TEST(pressure_altitude_comes_as_it_is_and_pressure_by_the_standard_atmosphere);
+    RUN_TEST(a_pressure_that_is_none_is_refused);
     RUN_TEST(scaled_imu_is_in_milli_g_and_milliradians);
     RUN_TEST(imu_goes_forth_and_back);
     RUN_TEST(nose_up_and_turned_east_in_ned_is_nose_up_and_right_in_map);
