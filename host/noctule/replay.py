@@ -18,9 +18,9 @@ import numpy as np
 
 from noctule.record import RecordError, message_type
 
-INPUTS = ("SCAN", "IMU", "ATTITUDE", "RANGE_UP", "RANGE_DOWN", "VEHICLE", "COMMAND")
+INPUTS = ("SCAN", "IMU", "ATTITUDE", "RANGE_UP", "RANGE_DOWN", "VEHICLE", "COMMAND", "BARO")
 OUTPUTS = {"NAV": "nav_t", "ODOM": "odom_t", "GRID_TILE": "grid_tile_t", "WALLS": "walls_t", "LEVELS": "levels_t"}
-USED = ("imu_used", "attitude_used", "range_up_used", "range_down_used", "vehicle_used", "command_used")
+USED = ("imu_used", "attitude_used", "range_up_used", "range_down_used", "vehicle_used", "command_used", "baro_used")
 MAGIC = b"\xed\xa1\xda\x01"
 STEP_US_BYTES = 4            # NAV ends with step_us, the only field that equal runs may differ in
 PATIENCE = 3                 # steps: samples that are not in the log by then are lost
@@ -145,7 +145,8 @@ class _Step:
 
     def __init__(self, message, position: int, imu_before_us: int):
         self.scan = (message.scan_seq, message.t_us)
-        self.used = tuple(getattr(message, name) for name in USED)
+        # In the order of nav_t, which is that of Node.step_with.
+        self.used = tuple(getattr(message, name) for name in message.__slots__ if name.endswith("_used"))
         self.position = position
         self.imu_before_us = imu_before_us
         self.seq, self.t_us = message.seq, message.t_us
@@ -307,7 +308,8 @@ def run_flight(path: Path, changed: dict[str, float], base: dict[str, float] | N
     return 0 if result.equal else 1
 
 
-def run_carmen(path: Path, out: Path, changed: dict[str, float], relations: Path | None, range_max_m: float | None, mapping: bool) -> int:
+def run_carmen(path: Path, out: Path, changed: dict[str, float], relations: Path | None, range_max_m: float | None, mapping: bool,
+               as_flown: bool) -> int:
     """Runs localisation and mapping over a CARMEN log, writes trajectory and map, prints timing and relations; 0."""
     from noctule import carmen
 
@@ -317,6 +319,10 @@ def run_carmen(path: Path, out: Path, changed: dict[str, float], relations: Path
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise RecordError(f"--out {out}: cannot be made ({error.strerror})") from None
+    fitted = {} if as_flown else {k: v for k, v in carmen.suggested(log).items() if k not in changed}
+    if fitted:
+        print("sparse beams: " + ", ".join(f"{k}={v:g}" for k, v in fitted.items()) + " (--as-flown keeps the flight's)")
+    changed = {**fitted, **changed}
     begin = time.monotonic()
     track = carmen.track(log, changed, mapping=mapping)
     wall_s = time.monotonic() - begin
@@ -340,7 +346,7 @@ def run_carmen(path: Path, out: Path, changed: dict[str, float], relations: Path
 
 
 def run(path: Path, out: Path | None, changed: dict[str, float], preset: str, relations: Path | None, range_max_m: float | None,
-        mapping: bool) -> int:
+        mapping: bool, as_flown: bool) -> int:
     """Replays a log of either kind and prints the outcome; the exit code.
 
     Raises:
@@ -360,6 +366,7 @@ def run(path: Path, out: Path | None, changed: dict[str, float], preset: str, re
                 raise RecordError("--relations goes with a CARMEN log")
             return run_flight(path, changed, base)
         name = path.name.removesuffix(".gz").removesuffix(".clf").removesuffix(".log") or "log"
-        return run_carmen(path, out or Path("runs") / f"replay-{name}", {**(base or {}), **changed}, relations, range_max_m, mapping)
+        return run_carmen(path, out or Path("runs") / f"replay-{name}", {**(base or {}), **changed}, relations, range_max_m,
+                          mapping, as_flown)
     except LibraryMissing as error:
         raise RecordError(str(error)) from None

@@ -104,11 +104,17 @@ def test_rows_take_the_mean_and_the_worst_seed_and_judge():
     assert [r["ok"] for r in rows] == [True, False, None, None]
 
 
+def test_the_band_is_chi_squares():
+    rows = bench.judged(bench_localisation.nees_rows([errors([0.01])] * 50))
+    assert rows[0]["value"] == 3.0 and [r["ok"] for r in rows] == [True, True]
+    assert [float(r["must"].split()[1]) for r in rows] == pytest.approx([3.716, 2.360], abs=2e-3)
+
+
 @needs_library
 def test_the_firmware_flies_a_short_flight():
     plan = planar_profile.rooms()
     motion = Motion(plan, 12.0)
-    flights = bench_localisation.fly(plan, motion, 2, planar_profile.profile())
+    (flights,) = bench_localisation.fly(plan, motion, range(1, 3), planar_profile.profile())
     for e in flights:
         assert 1e-5 < e.position_m.mean() < 0.01 and e.lost == 0 and e.counters["refused_samples"] == 0
         assert e.position_m[0] == 0.0 and 0.0 < e.nees.mean() < 10.0
@@ -118,15 +124,15 @@ def test_the_firmware_flies_a_short_flight():
 def test_skew_is_measured():
     plan = planar_profile.rooms()
     motion = Motion(plan, 12.0, 1.0)
-    plain, skewed = (bench_localisation.fly(plan, motion, 1, planar_profile.profile(), {"deskew": v})[0] for v in (1, 0))
+    (plain,), (skewed,) = bench_localisation.fly(plan, motion, range(1, 2), planar_profile.profile(), {"deskew": 1}, {"deskew": 0})
     assert skewed.yaw_rad[100:].mean() > 3.0 * plain.yaw_rad[100:].mean()
 
 
 @needs_library
 def test_without_data_the_rows_are_left_out(monkeypatch, capsys, tmp_path):
     monkeypatch.setenv("NOCTULE_DATA", str(tmp_path / "none"))
-    for name in ("paper_rows", "skew_rows", "nees_rows", "harder_rows"):
-        monkeypatch.setattr(bench_localisation, name, lambda seeds: [])
+    for name in ("paper_rows", "skew_rows", "harder_rows"):
+        monkeypatch.setattr(bench_localisation, name, lambda *_: [])
     rows = bench.run("localisation", quick=True)
     assert [r["name"] for r in rows] == ["memory of the filter, static", "memory of the map, static"]
     assert capsys.readouterr().out.count("skipped: no data") == 2

@@ -184,7 +184,7 @@ def test_the_command_writes_trajectory_map_and_relations(tmp_path, capsys):
     relations.write_text("".join(f"{1000.0 + 0.1 * a} {1000.0 + 0.1 * b} {d[0]} {d[1]} 0 0 0 {d[2]}\n"
                                  for a, b in ((0, 60), (10, 100)) for d in [between(true[a], true[b])]))
     out = tmp_path / "out"
-    assert cli.main(["replay", str(tmp_path / "a.clf.gz"), "--out", str(out), "--relations", str(relations)]) == 0
+    assert cli.main(["replay", str(tmp_path / "a.clf.gz"), "--out", str(out), "--relations", str(relations), "--as-flown"]) == 0
     text = capsys.readouterr().out
     assert "120 sweeps of 360 beams" in text and "relations: 2 used" in text and "us median" in text
     rows = np.loadtxt(out / "trajectory.txt")
@@ -224,6 +224,29 @@ def test_a_strange_log_ends_in_poses_all_the_same(tmp_path):
     log.scan_t_s[60:] = [t + 400.0 for t in log.scan_t_s[60:]]
     track = carmen.track(log)
     assert np.isfinite(track.poses).all() and track.counters["refused_beams"] > 400
+
+
+def test_sparse_beams_get_tunables_of_their_own_and_dense_ones_do_not(tmp_path, capsys):
+    from noctule.params_gen import BY_NAME
+
+    write_log(tmp_path / "a.clf")
+    log = carmen.read(tmp_path / "a.clf")
+    assert carmen.suggested(log) == carmen.SPARSE
+    assert all(BY_NAME[k].min <= v <= BY_NAME[k].max for k, v in carmen.SPARSE.items())
+    log.layouts = [carmen.Layout(-2.3, 0.004363, 0.05, 10.0)]
+    assert carmen.suggested(log) == {}
+
+
+@needs_library
+def test_param_has_the_last_word_over_sparse_tunables(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    write_log(tmp_path / "a.clf")
+    assert cli.main(["replay", "a.clf", "--param", "point_cell_m=0.5"]) == 0
+    head = capsys.readouterr().out.splitlines()[0]
+    assert head.startswith("sparse beams:") and "wall_length_min_m=0.8" in head and "point_cell_m" not in head
+    assert cli.main(["replay", "a.clf", "--as-flown", "--no-map"]) == 0
+    assert "sparse" not in capsys.readouterr().out
+    assert (tmp_path / "runs" / "replay-a" / "trajectory.tum").is_file()
 
 
 BAD = [([], "x.clf", None, "no such file"), ([], "x.clf", "hello\n", "no FLASER"), ([], "x.clf.gz", "hello", "no FLASER"),

@@ -13,9 +13,9 @@ FLIGHT_S = 6.0
 
 def built() -> bool:
     try:
-        from noctule.inprocess import library_path
+        from noctule.localise import library
 
-        library_path()
+        library()
     except Exception:
         return False
     return True
