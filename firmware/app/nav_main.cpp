@@ -77,7 +77,8 @@ void publish(void* context, const char* channel, const std::uint8_t* bytes, cons
     static_cast<Process*>(context)->bus.publish_raw(channel, bytes, size);
 }
 
-void write_stats(const char* path, const std::int64_t heap_at_start, const NavNode& node) {
+/// heap_after_start: allocations since the first step; negative where they were not counted.
+void write_stats(const char* path, const std::int64_t heap_after_start, const NavNode& node) {
     std::FILE* file = std::fopen(path, "w");
     if (file == nullptr) {
         std::fprintf(stderr, "noctule-nav: cannot write %s\n", path);
@@ -89,8 +90,8 @@ void write_stats(const char* path, const std::int64_t heap_at_start, const NavNo
                  static_cast<unsigned long long>(process.step_times.count()), static_cast<double>(process.step_times.percentile_us(0.5)),
                  static_cast<double>(process.step_times.percentile_us(0.99)), static_cast<double>(process.step_times.max_us()),
                  sizeof(noctule::Navigator), usage.ru_maxrss);
-    if (noctule_heap_allocations != nullptr) {
-        std::fprintf(file, "\"heap_allocations_after_start\": %lld, ", static_cast<long long>(heap_at_start));
+    if (heap_after_start >= 0) {
+        std::fprintf(file, "\"heap_allocations_after_start\": %lld, ", static_cast<long long>(heap_after_start));
     } else {
         std::fprintf(file, "\"heap_allocations_after_start\": null, ");
     }
@@ -167,7 +168,7 @@ int main(int argc, char** argv) {
         }
         complain_when_silent(now_ns, next_complaint_ns);
     }
-    const std::int64_t heap_after_start = heap_at_first_step < 0 || noctule_heap_allocations == nullptr ? 0 : noctule_heap_allocations() - heap_at_first_step;
+    const std::int64_t heap_after_start = heap_at_first_step < 0 ? -1 : noctule_heap_allocations() - heap_at_first_step;
     if (!stats_path.empty()) { write_stats(stats_path.c_str(), heap_after_start, node); }
     return 0;
 }

@@ -16,7 +16,7 @@ import lcm
 import numpy as np
 
 from noctule import record, report
-from noctule.inprocess import Node
+from noctule.inprocess import Node, navigator_bytes
 from noctule.settings import FlightSettings, parameter_values, parameters_toml
 from noctule_sim.autopilot import Landed, Mode
 from noctule_sim.simulation import OdometryIn, SetpointIn, Simulation, TickData
@@ -213,8 +213,6 @@ def _loop(simulation: Simulation, node: Node, log, truth) -> list[float]:
 
 
 def _write_ends(folder: Path, settings: FlightSettings, world, simulation: Simulation, steps_us: list[float], wall_s: float) -> None:
-    from noctule.inprocess import navigator_bytes
-
     outcome = simulation.outcome
     clearance = simulation.min_clearance_m
     sim = {"outcome": outcome.name, "text": outcome.text, "reasons": simulation.touched, "collisions": simulation.collisions,
