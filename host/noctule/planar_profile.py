@@ -16,6 +16,7 @@ import numpy as np
 
 from noctule.altitude_profile import ATTITUDE_NOISE_RAD, ATTITUDE_OFFSET_RAD
 from noctule.localise import Layout, Step, Tracker, between
+from noctule.planar_scenes import Plan
 from noctule_sim.geometry import Geometry
 from noctule_sim.sensors import PROFILES, STANDARD_GRAVITY_M_S2, Imu, Laser, Profile
 from noctule_sim.world import Material, Primitive
@@ -28,51 +29,6 @@ HEIGHT_M = 1.0
 WALL_M = 0.10                      # thickness
 MOUNT_Z_M = 0.08                   # of the laser, as the parameter lidar_z_m
 REST_S = 1.0                       # at the start, before the path
-
-
-@dataclass(frozen=True)
-class Plan:
-    """Walls (x0, y0, x1, y1), pillars (x, y, radius) and the way (x, y) through them [m]; the way begins along +x."""
-
-    name: str
-    walls: tuple[tuple[float, float, float, float], ...]
-    pillars: tuple[tuple[float, float, float], ...]
-    way: tuple[tuple[float, float], ...]
-
-
-def _outline(x0: float, y0: float, x1: float, y1: float):
-    return ((x0, y0, x1, y0), (x1, y0, x1, y1), (x1, y1, x0, y1), (x0, y1, x0, y0))
-
-
-def rooms() -> Plan:
-    """15 x 15 m: four rooms, doors of 1 m, two pillars, and a way through all of them and back."""
-    walls = (*_outline(0.0, 0.0, 15.0, 15.0), (7.0, 0.0, 7.0, 2.6), (7.0, 3.8, 7.0, 11.0), (7.0, 12.2, 7.0, 15.0),
-             (0.0, 8.0, 2.9, 8.0), (4.1, 8.0, 7.0, 8.0), (7.0, 6.5, 10.4, 6.5), (11.6, 6.5, 15.0, 6.5), (13.0, 9.0, 15.0, 9.0))
-    way = ((2.0, 3.2), (4.5, 3.2), (7.0, 3.2), (9.5, 3.2), (11.0, 4.6), (11.0, 6.5), (10.8, 9.0), (9.5, 11.3), (7.0, 11.6),
-           (4.6, 11.3), (3.5, 10.0), (3.5, 8.0), (3.4, 6.0), (2.6, 4.4))
-    return Plan("rooms", walls, ((13.0, 2.0, 0.3), (5.5, 13.5, 0.25)), way)
-
-
-def round_hall() -> Plan:
-    """A round hall of 6 m radius in 90 short chords, with three pillars: no wall that deserves the name."""
-    turn = np.linspace(0.0, 2.0 * math.pi, 91)
-    corners = [(6.0 * math.cos(a), 6.0 * math.sin(a)) for a in turn]
-    walls = tuple((*a, *b) for a, b in zip(corners, corners[1:]))
-    way = ((-2.5, -2.5), (0.0, -3.2), (2.8, -2.0), (3.2, 1.0), (1.0, 3.2), (-2.0, 2.8), (-3.2, 0.0), (-1.5, -1.2))
-    return Plan("round hall", walls, ((0.0, 0.0, 0.3), (4.6, -0.8, 0.3), (-1.5, 4.4, 0.25)), way)
-
-
-def loop_100m() -> Plan:
-    """A corridor 2 m wide round a block, 100 m once round, with shallow niches (0.3 m) every few metres."""
-    walls = [*_outline(0.0, 0.0, 32.0, 22.0), *_outline(2.0, 2.0, 30.0, 20.0)]
-    for x in (5.0, 11.0, 16.5, 23.0, 27.5):
-        walls += [(x, 0.0, x, 0.3), (x + 1.2, 20.0, x + 1.2, 20.3)]
-    for y in (5.5, 9.0, 14.5):
-        walls += [(0.0, y, 0.3, y), (31.7, y + 2.0, 32.0, y + 2.0)]
-    way = ((1.0, 1.0), (8.0, 1.0), (16.0, 1.0), (24.0, 1.0), (29.0, 1.0), (30.6, 1.4), (31.0, 3.0), (31.0, 8.0), (31.0, 12.0),
-           (31.0, 17.0), (31.0, 19.0), (30.6, 20.6), (29.0, 21.0), (25.0, 21.0), (16.0, 21.0), (8.0, 21.0), (3.0, 21.0),
-           (1.4, 20.6), (1.0, 19.0), (1.0, 15.0), (1.0, 8.0), (1.0, 3.0), (1.4, 1.4), (3.0, 1.0), (4.5, 1.0))
-    return Plan("loop of 100 m", tuple(walls), (), way)
 
 
 def primitives(plan: Plan) -> list[Primitive]:
@@ -104,7 +60,7 @@ class Motion:
         self._span_s = duration_s - REST_S
         lengths = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
         self._way = CubicSpline(lengths, points)
-        fine = np.linspace(0.0, lengths[-1], 400)
+        fine = np.linspace(0.0, lengths[-1], max(400, int(2.0 * lengths[-1])))
         slope = self._way(fine, 1)
         arc = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(self._way(fine), axis=0).T))])
         self.path_m = float(arc[-1])
@@ -228,9 +184,14 @@ class Errors:
     yaw_rad: np.ndarray
     nees: np.ndarray              # error squared over the published covariance, 3 degrees of freedom
     localise_us: np.ndarray
-    lost: int                     # steps with quality -1
+    lost_at: np.ndarray           # (K,) bool: quality -1
     resets: int
     counters: dict[str, int]
+
+    @property
+    def lost(self) -> int:
+        """Steps with quality -1."""
+        return int(self.lost_at.sum())
 
 
 def localise(flown: Flown, parameters: dict[str, float] | None = None) -> Errors:
@@ -259,4 +220,4 @@ def localise(flown: Flown, parameters: dict[str, float] | None = None) -> Errors
         p[:, a, b] = p[:, b, a] = upper[:, n]
     nees = np.einsum("ki,ki->k", error, np.linalg.solve(p, error[:, :, None])[:, :, 0])
     return Errors(np.hypot(error[:, 0], error[:, 1]), np.abs(error[:, 2]), nees, np.array([s.localise_ns for s in steps]) * 1e-3,
-                  sum(s.quality < 0 for s in steps), steps[-1].reset_counter, counters)
+                  np.array([s.quality < 0 for s in steps]), steps[-1].reset_counter, counters)
