@@ -12,7 +12,7 @@ list(FILTER app_sources EXCLUDE REGEX "(_main|_abi|/heap_count)\\.cpp$")
 add_library(noctule_app STATIC ${app_sources})
 target_link_libraries(noctule_app PUBLIC noctule_link PRIVATE noctule_options)
 
-foreach(process nav bridge)
+foreach(process nav bridge profile)
     add_executable(noctule-${process} firmware/app/${process}_main.cpp)
     target_link_libraries(noctule-${process} PRIVATE noctule_app noctule_options)
 endforeach()
