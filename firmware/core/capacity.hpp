@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
 
 namespace noctule {
 
@@ -26,6 +27,9 @@ inline constexpr std::size_t kMaxPaperLevels = 256;      ///< level entries of t
 
 // Map and plan.
 inline constexpr std::size_t kMaxTiles = 768;            ///< tiles of 64 x 64 cells, 31 457 m2 at 0.10 m; a further one is refused
+inline constexpr std::int32_t kMaxFloors = 8;             ///< floors that share the tiles; a further one is refused
+inline constexpr std::size_t kMaxTouchedTiles = 128;     ///< tiles that one sweep can touch; beyond, its beams count one by one
+inline constexpr std::size_t kMaxFieldTiles = 320;       ///< tiles of one floor with costs of the way, 13 107 m2; what lies beyond is not reachable
 inline constexpr std::size_t kTileDirectory = 2048;      ///< entries of the tile directory, a power of two over twice kMaxTiles
 inline constexpr std::size_t kMaxOpenCells = 131072;     ///< open entries of one search over the grid; a further one is dropped
 inline constexpr std::size_t kMaxFrontierCells = 32768;  ///< cells at the edge of the unknown in one pass; later ones wait for the next

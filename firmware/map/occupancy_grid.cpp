@@ -20,8 +20,9 @@ constexpr std::int8_t kNeverHit = -128;        ///< in hit_x: no beam ended in t
 constexpr std::uint32_t kRefreshScans = 128;   ///< a power of two
 constexpr std::int32_t kGeometryStep = 10;     ///< move of a mean hit (1/256 cell) that makes clearances stale
 
-std::size_t hash_of(const std::int32_t tile_x, const std::int32_t tile_y) {
-    const std::uint32_t h = static_cast<std::uint32_t>(tile_x) * 0x9E3779B1U ^ static_cast<std::uint32_t>(tile_y) * 0x85EBCA77U;
+std::size_t hash_of(const std::int32_t tile_x, const std::int32_t tile_y, const std::int32_t floor) {
+    const std::uint32_t h = static_cast<std::uint32_t>(tile_x) * 0x9E3779B1U ^ static_cast<std::uint32_t>(tile_y) * 0x85EBCA77U ^
+                            static_cast<std::uint32_t>(floor) * 0xC2B2AE35U;
     return (h ^ (h >> 15U)) & (kTileDirectory - 1U);
 }
 
@@ -52,15 +53,44 @@ void OccupancyGrid::reset() {
     tile_count_ = 0;
     cached_slot_ = -1;
     publish_next_ = 0;
-    known_cells_ = 0;
+    floor_ = 0;
+    known_cells_.fill(0);
+    touched_scan_.fill(0);
+}
+
+bool OccupancyGrid::select_floor(const std::int32_t floor) {
+    if (floor < 0 || floor >= kMaxFloors) { return false; }
+    floor_ = floor;
+    cached_slot_ = -1;
+    return true;
+}
+
+bool OccupancyGrid::touched(const CellId id) const {
+    const auto slot = static_cast<std::size_t>(id >> 12);
+    if (touched_scan_[slot] != scans_) { return false; }
+    const std::uint64_t row = touched_[static_cast<std::size_t>(touched_page_[slot])][static_cast<std::size_t>((id >> 6) & 63)];
+    return (row >> static_cast<unsigned>(id & 63) & 1U) != 0U;
+}
+
+// A sweep reaches some 25 tiles; should it ever touch more than there are pages for, the rest forgets that it was touched.
+void OccupancyGrid::mark_touched(const CellId id) {
+    const auto slot = static_cast<std::size_t>(id >> 12);
+    if (touched_scan_[slot] != scans_) {
+        if (touched_pages_ == kMaxTouchedTiles) { return; }
+        touched_scan_[slot] = scans_;
+        touched_page_[slot] = static_cast<std::int16_t>(touched_pages_);
+        touched_[touched_pages_].fill(0);
+        ++touched_pages_;
+    }
+    touched_[static_cast<std::size_t>(touched_page_[slot])][static_cast<std::size_t>((id >> 6) & 63)] |= std::uint64_t{1} << static_cast<unsigned>(id & 63);
 }
 
 std::int32_t OccupancyGrid::tile_slot(const std::int32_t tile_x, const std::int32_t tile_y) const {
-    for (std::size_t at = hash_of(tile_x, tile_y);; at = (at + 1U) & (kTileDirectory - 1U)) {
+    for (std::size_t at = hash_of(tile_x, tile_y, floor_);; at = (at + 1U) & (kTileDirectory - 1U)) {
         const std::int32_t slot = directory_[at];
         if (slot < 0) { return -1; }
         const GridTile& t = tiles_[static_cast<std::size_t>(slot)];
-        if (t.tile_x == tile_x && t.tile_y == tile_y) { return slot; }
+        if (t.tile_x == tile_x && t.tile_y == tile_y && t.floor == floor_) { return slot; }
     }
 }
 
@@ -100,14 +130,14 @@ CellId OccupancyGrid::find_or_lay(const Cell cell) {
             GridTile& t = tiles_[static_cast<std::size_t>(slot)];
             t.tile_x = tx;
             t.tile_y = ty;
+            t.floor = floor_;
             t.log_odds.fill(0);
             t.hit_x.fill(kNeverHit);
             t.hit_y.fill(0);
-            t.stamp.fill(0);
             for (std::uint16_t& v : t.version) { ++v; }
             t.class_changed = t.value_changed = false;
             t.published_us = -1;
-            std::size_t at = hash_of(tx, ty);
+            std::size_t at = hash_of(tx, ty, floor_);
             while (directory_[at] >= 0) { at = (at + 1U) & (kTileDirectory - 1U); }
             directory_[at] = static_cast<std::int16_t>(slot);
             for (std::int32_t d = 0; d < 8; ++d) {
@@ -130,8 +160,9 @@ void OccupancyGrid::touch(const CellId id, const CellClass before) {
     if (after == before) { return; }
     t.class_changed = true;
     ++t.version[block_of(id)];
-    if (before == CellClass::unknown) { ++known_cells_; }
-    if (after == CellClass::unknown) { --known_cells_; }
+    std::int32_t& known = known_cells_[static_cast<std::size_t>(t.floor)];
+    if (before == CellClass::unknown) { ++known; }
+    if (after == CellClass::unknown) { --known; }
 }
 
 // Section G, "occupied": the cell in which the beam ends. The mean hit follows the hits with a gain that falls as the cell
@@ -155,8 +186,8 @@ void OccupancyGrid::hit(const CellId id, const float x_cells, const float y_cell
     const std::size_t block = block_of(id);
     const bool turn = (scans_ & (kRefreshScans - 1U)) == ((static_cast<std::uint32_t>(block) * 37U + static_cast<std::uint32_t>(id >> 12)) & (kRefreshScans - 1U));
     if (moved || turn) { ++t.version[block]; }
-    if (t.stamp[k] == stamp_) { return; }  // the evidence of a sweep counts once; its points all count for the mean
-    t.stamp[k] = stamp_;
+    if (touched(id)) { return; }  // the evidence of a sweep counts once; its points all count for the mean
+    mark_touched(id);
     const CellClass before = class_of(t.log_odds[k]);
     t.log_odds[k] = static_cast<std::int8_t>(std::min(t.log_odds[k] + add_hit_, log_max_));
     touch(id, before);
@@ -168,7 +199,7 @@ void OccupancyGrid::miss(const CellId id, const float origin_x, const float orig
     const auto k = static_cast<std::size_t>(id & 4095);
     const std::int8_t l = t.log_odds[k];
     if (l <= log_min_) {
-        t.stamp[k] = stamp_;
+        mark_touched(id);
         return;
     }
     const CellClass before = class_of(l);
@@ -182,7 +213,7 @@ void OccupancyGrid::miss(const CellId id, const float origin_x, const float orig
         const float behind = end - (hx * dir_x + hy * dir_y);
         if (aside > kPassesByCells || behind < kGrazesCells || (behind < kGrazesFarCells && aside > kPassesFarByCells)) { return; }
     }
-    t.stamp[k] = stamp_;
+    mark_touched(id);
     t.log_odds[k] = static_cast<std::int8_t>(std::max(l - add_miss_, log_min_));
     if (t.log_odds[k] == log_min_) { t.hit_x[k] = kNeverHit; }
     touch(id, before);
@@ -214,9 +245,7 @@ void OccupancyGrid::cast(const float ox, const float oy, const float ex, const f
             }
         } else if (along < clear_to) {
             const CellId id = find_or_lay(c);
-            if (id != kNoCell && tiles_[static_cast<std::size_t>(id >> 12)].stamp[static_cast<std::size_t>(id & 4095)] != stamp_) {
-                miss(id, ox, oy, dx, dy, clear_to);
-            }
+            if (id != kNoCell && !touched(id)) { miss(id, ox, oy, dx, dy, clear_to); }
         }
         if (next_x < next_y) {
             entered = next_x;
@@ -240,7 +269,7 @@ void OccupancyGrid::integrate(const Estimate& estimate, const LevelScan& scan) {
     }
     load_parameters();
     ++scans_;
-    stamp_ = static_cast<std::uint8_t>(stamp_ == 255U ? 1U : stamp_ + 1U);
+    touched_pages_ = 0;
     const float c = std::cos(pose.yaw_rad);
     const float s = std::sin(pose.yaw_rad);
     const float range_max = geometry_.to_cells(p_.grid_range_max_m);
@@ -388,6 +417,14 @@ const GridTile* OccupancyGrid::take_changed_tile(const std::int64_t t_us) {
     return nullptr;
 }
 
-float OccupancyGrid::known_area_m2() const { return static_cast<float>(known_cells_) * geometry_.cell_m() * geometry_.cell_m(); }
+float OccupancyGrid::known_area_m2() const {
+    float sum_m2 = 0.0F;
+    for (std::int32_t floor = 0; floor < kMaxFloors; ++floor) { sum_m2 += known_area_m2(floor); }
+    return sum_m2;
+}
+
+float OccupancyGrid::known_area_m2(const std::int32_t floor) const {
+    return static_cast<float>(known_cells_[static_cast<std::size_t>(floor)]) * geometry_.cell_m() * geometry_.cell_m();
+}
 
 }  // namespace noctule

@@ -1,9 +1,10 @@
-/// Occupancy grid of one floor: log-odds per cell, and in each occupied cell the mean place of its hits.
+/// Occupancy grid of up to kMaxFloors floors: log-odds per cell, and in each occupied cell the mean place of its hits.
 ///
 /// Model and numbers: docs/maths/grid.md (section G of the paper's method: Bayes filter in log-odds).
 /// Frame Map, metres. Cells lie in tiles of 64 x 64 that are laid down where beams go, from a fixed pool:
 /// no size is needed in advance. Pool full: the tile is refused, its cells stay unknown, the refusal is counted.
-/// One instance per floor in use, no heap, not thread-safe.
+/// The floors share the pool. One of them is active: find, neighbour, integrate and all that is asked by place mean it alone;
+/// a CellId names a cell of whatever floor for good. One instance, no heap, not thread-safe.
 #pragma once
 
 #include <array>
@@ -32,10 +33,10 @@ enum class CellClass : std::uint8_t { unknown, free, occupied };
 struct GridTile {
     std::int32_t tile_x = 0;
     std::int32_t tile_y = 0;
+    std::int32_t floor = 0;
     std::array<std::int8_t, kTileArea> log_odds{};   ///< 1/16 nat; 0 unknown, positive occupied, negative free
     std::array<std::int8_t, kTileArea> hit_x{};      ///< mean hit from the cell's centre, 1/256 cell; -128: none
     std::array<std::int8_t, kTileArea> hit_y{};
-    std::array<std::uint8_t, kTileArea> stamp{};     ///< number of the scan that last touched the cell
     std::array<std::uint16_t, kTileBlocks> version{}; ///< rises with every change of a block's geometry
     std::array<std::int32_t, 8> neighbour{};         ///< slots of the tiles around, order of kNeighbourX; -1 none
     bool class_changed = false;                      ///< since it was last published
@@ -51,8 +52,14 @@ public:
     /// Cost: proportional to the cells crossed; each cell changes at most once a sweep.
     void integrate(const Estimate& estimate, const LevelScan& scan);
 
-    /// Forgets everything; counters stay.
+    /// Forgets everything; counters stay. Floor 0 is active.
     void reset();
+
+    /// Makes a floor active, 0 to kMaxFloors - 1; nothing is forgotten. False: no such floor, nothing was done.
+    [[nodiscard]] bool select_floor(std::int32_t floor);
+    [[nodiscard]] std::int32_t floor() const { return floor_; }
+    /// True: the tile belongs to the active floor. Loops over all slots ask this first.
+    [[nodiscard]] bool on_floor(const std::int32_t slot) const { return tiles_[static_cast<std::size_t>(slot)].floor == floor_; }
 
     [[nodiscard]] const GridGeometry& geometry() const { return geometry_; }
     [[nodiscard]] CellId find(Cell cell) const;                        ///< kNoCell: nothing is known there
@@ -74,13 +81,14 @@ public:
 
     [[nodiscard]] std::int32_t tile_count() const { return tile_count_; }
     [[nodiscard]] const GridTile& tile(const std::int32_t slot) const { return tiles_[static_cast<std::size_t>(slot)]; }
-    [[nodiscard]] std::int32_t tile_slot(std::int32_t tile_x, std::int32_t tile_y) const;  ///< -1: none
+    [[nodiscard]] std::int32_t tile_slot(std::int32_t tile_x, std::int32_t tile_y) const;  ///< of the active floor; -1: none
 
     /// The next tile to publish, or nullptr. Call up to four times a step. Tiles in which a cell changed its class come
     /// first, in turn; those with other changes at most once every two seconds. Every change is published in the end.
     [[nodiscard]] const GridTile* take_changed_tile(std::int64_t t_us);
 
-    [[nodiscard]] float known_area_m2() const;
+    [[nodiscard]] float known_area_m2() const;                        ///< of all floors
+    [[nodiscard]] float known_area_m2(std::int32_t floor) const;      ///< of one, 0 to kMaxFloors - 1
     [[nodiscard]] std::uint32_t scans() const { return scans_; }
 
     struct Counters {
@@ -96,6 +104,8 @@ private:
         return log_odds <= free_ ? CellClass::free : CellClass::unknown;
     }
     [[nodiscard]] CellId find_or_lay(Cell cell);
+    [[nodiscard]] bool touched(CellId id) const;   ///< by the sweep being entered
+    void mark_touched(CellId id);
     void load_parameters();
     void hit(CellId id, float x_cells, float y_cells);
     void miss(CellId id, float origin_x, float origin_y, float dir_x, float dir_y, float end);
@@ -108,6 +118,11 @@ private:
     std::array<GridTile, kMaxTiles> tiles_{};
     std::array<std::int16_t, kTileDirectory> directory_{};  ///< open addressing by tile coordinates; -1 empty
     std::int32_t tile_count_ = 0;
+    std::int32_t floor_ = 0;
+    std::array<std::array<std::uint64_t, kTileCells>, kMaxTouchedTiles> touched_{};  ///< a bit a cell, row by row
+    std::array<std::int16_t, kMaxTiles> touched_page_{};   ///< page of touched_, if touched_scan_ is this sweep
+    std::array<std::uint32_t, kMaxTiles> touched_scan_{};
+    std::size_t touched_pages_ = 0;
     std::int32_t cached_x_ = 0;       ///< tile found last while casting
     std::int32_t cached_y_ = 0;
     std::int32_t cached_slot_ = -1;
@@ -116,9 +131,8 @@ private:
     bool gap_open_ = false;
     std::uint32_t gap_stamp_ = 0;
     std::int32_t publish_next_ = 0;
-    std::int32_t known_cells_ = 0;
+    std::array<std::int32_t, kMaxFloors> known_cells_{};
     std::uint32_t scans_ = 0;
-    std::uint8_t stamp_ = 0;
     std::int8_t occupied_ = 8;
     std::int8_t free_ = -4;
     std::int32_t add_hit_ = 14;

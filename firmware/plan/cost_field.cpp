@@ -55,17 +55,25 @@ bool OpenCells::pop(CellId& id, std::uint32_t& cost) {
     return true;
 }
 
-void CostField::set(const CellId id, const std::uint32_t cost) {
+bool CostField::set(const CellId id, const std::uint32_t cost) {
     const auto slot = static_cast<std::size_t>(id >> 12);
+    if (cost > kDearest || (tile_run_[slot] != run_ && pages_ == kMaxFieldTiles)) {
+        ++refused_;
+        return false;
+    }
     if (tile_run_[slot] != run_) {
         tile_run_[slot] = run_;
-        cost_[slot].fill(kFar);
+        page_[slot] = static_cast<std::uint16_t>(pages_);
+        cost_[pages_].fill(kPackedFar);
+        ++pages_;
     }
-    cost_[slot][static_cast<std::size_t>(id & 4095)] = cost;
+    cost_[page_[slot]][static_cast<std::size_t>(id & 4095)] = pack(cost);
+    return true;
 }
 
 void CostField::start(const OccupancyGrid& grid, const CellId root, const std::int32_t free_radius, OpenCells& open) {
     run_ = ++runs_;
+    pages_ = 0;
     root_ = root;
     free_radius_ = free_radius;
     settled_ = 0;
@@ -74,7 +82,7 @@ void CostField::start(const OccupancyGrid& grid, const CellId root, const std::i
     open.clear();
     if (done_) { return; }
     root_cell_ = grid.cell(root);
-    set(root, 0);
+    static_cast<void>(set(root, 0));
     static_cast<void>(open.push(root, 0));
 }
 
@@ -106,8 +114,8 @@ bool CostField::run(const OccupancyGrid& grid, const Traversability& where, Open
             if (!next_passable && !where.tight(next)) { continue; }
             if (next_passable && !leads_on) { continue; }
             const float slow = next_passable ? where.slowness(next) : kTightFactor;
-            const std::uint32_t through = at + static_cast<std::uint32_t>(kSteps[d & 1] * std::min(slow, kSlowest));
-            if (through < cost(next) && open.push(next, through)) { set(next, through); }
+            const std::uint32_t through = unpack(pack(at + static_cast<std::uint32_t>(kSteps[d & 1] * std::min(slow, kSlowest))));
+            if (through < cost(next) && set(next, through)) { static_cast<void>(open.push(next, through)); }
         }
     }
     return false;

@@ -3,10 +3,15 @@
 /// Dijkstra's method over the eight neighbours with integer costs and a ring of buckets. Cost of an edge: its length times
 /// the slowness of the cell entered (docs/maths/potential.md, equation (5)), so a cost is a flight time. One unit is
 /// 1/kUnit of a cell at full speed. The field is also the start of the potential: potential.hpp.
+/// Memory: two bytes a cell, in pages of one tile that a run takes as it reaches them. Costs are kept with 14 significant bits,
+/// rounded up: exact to 25 m of free flight, to 1.6 % of an edge at 100 m, and an edge always costs something up to kDearest.
+/// Out of pages, or dearer than that: not reachable (counted).
 /// No heap. Work per call is bounded by the budget.
 #pragma once
 
+#include <algorithm>
 #include <array>
+#include <bit>
 #include <cstdint>
 #include <limits>
 
@@ -54,7 +59,26 @@ public:
     [[nodiscard]] std::uint32_t cost(const CellId id) const {
         if (id == kNoCell) { return kFar; }
         const auto slot = static_cast<std::size_t>(id >> 12);
-        return tile_run_[slot] == run_ ? cost_[slot][static_cast<std::size_t>(id & 4095)] : kFar;
+        return tile_run_[slot] == run_ ? unpack(cost_[page_[slot]][static_cast<std::size_t>(id & 4095)]) : kFar;
+    }
+    /// Cells that could not be given a cost, over all runs.
+    [[nodiscard]] std::uint32_t refused() const { return refused_; }
+    static constexpr std::uint32_t kDearest = 0x3FFEU << 6U;   ///< greatest cost that can be kept: 1.6 km at full speed
+
+    /// Two bytes for a cost: three bits of exponent, thirteen of mantissa, a hidden bit as in floats. Rounds up.
+    [[nodiscard]] static constexpr std::uint16_t pack(const std::uint32_t cost) {
+        if (cost > kDearest) { return kPackedFar; }
+        const auto shift = static_cast<std::uint32_t>(std::max(0, static_cast<int>(std::bit_width(cost)) - 14));
+        std::uint32_t mantissa = (cost + (1U << shift) - 1U) >> shift;
+        const std::uint32_t carry = mantissa >> 14U;   // rounded up to the next power of two
+        mantissa >>= carry;
+        if (mantissa < 0x2000U) { return static_cast<std::uint16_t>(mantissa); }
+        return static_cast<std::uint16_t>(((shift + carry + 1U) << 13U) | (mantissa & 0x1FFFU));
+    }
+    [[nodiscard]] static constexpr std::uint32_t unpack(const std::uint16_t packed) {
+        if (packed == kPackedFar) { return kFar; }
+        const std::uint32_t exponent = packed >> 13U;
+        return exponent == 0U ? packed : ((packed & 0x1FFFU) | 0x2000U) << (exponent - 1U);
     }
     [[nodiscard]] bool valid() const { return run_ != 0U && done_; }
     [[nodiscard]] CellId root() const { return root_; }
@@ -62,10 +86,14 @@ public:
     void clear() { run_ = 0; done_ = false; root_ = kNoCell; }
 
 private:
-    void set(CellId id, std::uint32_t cost);
+    static constexpr std::uint16_t kPackedFar = 0xFFFFU;
+    bool set(CellId id, std::uint32_t cost);   ///< false: refused
 
-    std::array<std::array<std::uint32_t, kTileArea>, kMaxTiles> cost_{};
-    std::array<std::uint32_t, kMaxTiles> tile_run_{};   ///< number of the run that a tile's costs belong to
+    std::array<std::array<std::uint16_t, kTileArea>, kMaxFieldTiles> cost_{};
+    std::array<std::uint32_t, kMaxTiles> tile_run_{};   ///< number of the run that a tile's page belongs to
+    std::array<std::uint16_t, kMaxTiles> page_{};
+    std::size_t pages_ = 0;
+    std::uint32_t refused_ = 0;
     std::uint32_t run_ = 0;
     std::uint32_t runs_ = 0;
     CellId root_ = kNoCell;

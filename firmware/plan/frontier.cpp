@@ -91,6 +91,7 @@ bool FrontierSearch::is_frontier(const OccupancyGrid& grid, const CellId id) {
 }
 
 void FrontierSearch::scan_tile(const OccupancyGrid& grid, const std::int32_t slot) {
+    if (!grid.on_floor(slot)) { return; }
     for (std::int32_t k = 0; k < kTileArea; ++k) {
         const CellId id = slot * kTileArea + k;
         if (!is_frontier(grid, id)) { continue; }

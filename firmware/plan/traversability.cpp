@@ -77,7 +77,7 @@ void Traversability::update(const OccupancyGrid& grid, const float x_m, const fl
     const std::int32_t tiles = grid.tile_count();
     for (std::int32_t k = 0; k < std::min(kFarTilesPerStep, tiles); ++k) {
         next_tile_ = (next_tile_ + 1) % tiles;
-        look_for_changes(grid, next_tile_);
+        if (grid.on_floor(next_tile_)) { look_for_changes(grid, next_tile_); }
     }
     // Blocks round the vehicle jump the queue.
     std::int32_t budget = kBlocksPerStep;
@@ -104,6 +104,10 @@ void Traversability::update(const OccupancyGrid& grid, const float x_m, const fl
         const std::uint64_t bit = std::uint64_t{1} << static_cast<unsigned>(block & 63);
         if ((waiting & bit) == 0U) { continue; }
         waiting &= ~bit;
+        if (!grid.on_floor(block >> 6)) {  // another floor is active now: taken up again when this one is
+            --seen_[static_cast<std::size_t>(block >> 6)][static_cast<std::size_t>(block & 63)];
+            continue;
+        }
         compute(grid, block);
         --budget;
     }

@@ -110,6 +110,70 @@ void costs_equal_those_of_relaxation_to_a_fixed_point() {
     TEST_ASSERT_TRUE(reached > 1500);
 }
 
+void a_packed_cost_is_never_less_and_keeps_its_order() {
+    // Independent route: in 14 significant bits rounded up, c <= u < c (1 + 2^-13) and u is the smallest such number.
+    std::uint32_t last = 0;
+    for (std::uint32_t c = 0; c <= CostField::kDearest; c += c < 70000U ? 1U : 37U) {
+        const std::uint32_t u = CostField::unpack(CostField::pack(c));
+        TEST_ASSERT_TRUE(u >= c);
+        TEST_ASSERT_TRUE(static_cast<double>(u) <= static_cast<double>(c) * (1.0 + 1.0 / 8192.0));
+        TEST_ASSERT_TRUE(u >= last);
+        TEST_ASSERT_EQUAL_UINT32(u, CostField::unpack(CostField::pack(u)));
+        if (c < 16384U) { TEST_ASSERT_EQUAL_UINT32(c, u); }
+        last = u;
+    }
+    TEST_ASSERT_TRUE(CostField::kDearest - CostField::unpack(CostField::pack(CostField::kDearest - 63U)) <= 63U);
+    TEST_ASSERT_EQUAL_UINT32(CostField::kFar, CostField::unpack(CostField::pack(CostField::kDearest + 1U)));
+    TEST_ASSERT_EQUAL_UINT32(CostField::kFar, CostField::unpack(CostField::pack(CostField::kFar)));
+}
+
+void a_floor_larger_than_the_pages_is_served_round_the_root() {
+    const auto p = std::make_unique<Parameters>();
+    p->no_return_open = 0.0F;   // beams down the lane clear it
+    const auto grid = std::make_unique<OccupancyGrid>(*p);
+    const auto where = std::make_unique<Traversability>(*p);
+    const auto open = std::make_unique<OpenCells>();
+    const auto field = std::make_unique<CostField>();
+    // GIVEN a straight free lane over more tiles than a field has pages for (a fan of beams from places 4 m apart)
+    LevelScan fan;
+    fan.range_max_m = 10.0F;
+    fan.bearing_increment_rad = 0.01F;
+    for (int k = -60; k <= 60; ++k) {
+        const float b = 0.01F * static_cast<float>(k);
+        const float r = std::min(9.0F, std::fabs(1.0F / std::max(1e-3F, std::fabs(std::sin(b)))));
+        ScanPoint q;
+        q.x_m = r * std::cos(b);
+        q.y_m = r * std::sin(b);
+        q.range_m = r;
+        q.hit = r < 9.0F;
+        static_cast<void>(fan.points.push(q));
+    }
+    const auto tiles = static_cast<std::int32_t>(kMaxFieldTiles);
+    Estimate e;
+    e.planar.quality = 100;
+    e.altitude.valid = true;
+    e.altitude.z_m = 1.0F;
+    const float end_m = 6.4F * static_cast<float>(tiles + 20);
+    for (float x_m = 3.2F; x_m < end_m; x_m += 4.0F) {
+        e.planar.pose_map_body = {x_m, 3.2F, 0.0F};
+        for (int k = 0; k < 4; ++k) { grid->integrate(e, fan); }
+    }
+    for (int k = 0; k < 3000; ++k) { where->update(*grid, 5.0F, 3.2F); }
+    TEST_ASSERT_EQUAL(0U, where->blocks_waiting());
+    // WHEN a field is computed from its middle, twice
+    for (int run = 0; run < 2; ++run) {
+        field->start(*grid, grid->find(0.5F * end_m, 3.2F), 5, *open);
+        while (!field->run(*grid, *where, *open, 10000, kNoCell, 0)) {}
+        // THEN what lies within the pages is reached, what lies beyond is not, and that is counted
+        const float within_m = 6.4F * (0.5F * static_cast<float>(tiles) - 3.0F);
+        TEST_ASSERT_TRUE(field->cost(grid->find(0.5F * end_m + within_m, 3.2F)) < CostField::kFar);
+        TEST_ASSERT_TRUE(field->cost(grid->find(0.5F * end_m - within_m, 3.2F)) < CostField::kFar);
+        TEST_ASSERT_EQUAL_UINT32(CostField::kFar, field->cost(grid->find(end_m - 2.0F, 3.2F)));
+        TEST_ASSERT_EQUAL_UINT32(CostField::kFar, field->cost(grid->find(2.0F, 3.2F)));
+        TEST_ASSERT_TRUE(field->refused() > 0U);
+    }
+}
+
 void every_reachable_cell_has_a_way_up_after_any_number_of_sweeps() {
     const auto s = std::make_unique<Scene>();
     s->solve(4.9F, 2.4F);
@@ -196,6 +260,8 @@ int main() {
     UNITY_BEGIN();
     RUN_TEST(clearances_updated_block_by_block_equal_brute_force);
     RUN_TEST(costs_equal_those_of_relaxation_to_a_fixed_point);
+    RUN_TEST(a_packed_cost_is_never_less_and_keeps_its_order);
+    RUN_TEST(a_floor_larger_than_the_pages_is_served_round_the_root);
     RUN_TEST(every_reachable_cell_has_a_way_up_after_any_number_of_sweeps);
     RUN_TEST(relaxed_values_are_the_weighted_mean_of_their_neighbours);
     RUN_TEST(the_path_ends_at_the_goal_and_stays_clear);

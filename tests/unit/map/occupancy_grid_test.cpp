@@ -282,6 +282,36 @@ void clearance_is_measured_to_hits_not_to_cells() {
     }
 }
 
+void floors_share_the_pool_and_nothing_else() {
+    const Parameters p;
+    const auto grid = grid_with(p);
+    LevelScan s = empty_sweep();
+    add(s, 0.0F, 2.0F, true);
+    grid->integrate(at(0.04F, 0.05F), s);
+    const CellId below = grid->find(2.04F, 0.05F);
+    TEST_ASSERT_TRUE(grid->select_floor(1));                              // WHEN the vehicle is on the next floor
+    TEST_ASSERT_EQUAL(CellClass::unknown, grid->cell_class(grid->find(2.04F, 0.05F)));   // THEN nothing is known there yet
+    TEST_ASSERT_FALSE(grid->on_floor(0));
+    LevelScan longer = empty_sweep();
+    add(longer, 0.0F, 3.0F, true);
+    grid->integrate(at(0.04F, 0.05F), longer);
+    TEST_ASSERT_EQUAL(CellClass::free, grid->cell_class(grid->find(2.04F, 0.05F)));
+    TEST_ASSERT_EQUAL(CellClass::occupied, grid->cell_class(below));      // AND a handle still names the cell below
+    TEST_ASSERT_EQUAL_INT32(2, grid->tile_count());
+    TEST_ASSERT_EQUAL_INT32(noctule::kNoCell, grid->neighbour(grid->find(0.05F, 0.05F), 5));   // no link leads down
+    TEST_ASSERT_FLOAT_WITHIN(1e-4F, 0.21F, grid->known_area_m2(0));
+    TEST_ASSERT_FLOAT_WITHIN(1e-4F, 0.31F, grid->known_area_m2(1));
+    TEST_ASSERT_TRUE(grid->select_floor(0));                              // WHEN it comes back THEN all is as it was
+    TEST_ASSERT_EQUAL_INT32(below, grid->find(2.04F, 0.05F));
+    TEST_ASSERT_EQUAL(CellClass::unknown, grid->cell_class(grid->find(2.94F, 0.05F)));
+    TEST_ASSERT_FALSE(grid->select_floor(noctule::kMaxFloors));
+    TEST_ASSERT_FALSE(grid->select_floor(-1));
+    TEST_ASSERT_EQUAL_INT32(0, grid->floor());
+    std::set<std::int32_t> floors;
+    for (const GridTile* t = grid->take_changed_tile(1); t != nullptr; t = grid->take_changed_tile(1)) { floors.insert(t->floor); }
+    TEST_ASSERT_EQUAL(2U, floors.size());                                 // AND both are published, whichever is active
+}
+
 }  // namespace
 
 int main() {
@@ -298,5 +328,6 @@ int main() {
     RUN_TEST(a_full_pool_refuses_counts_and_keeps_what_it_has);
     RUN_TEST(every_change_is_published_in_the_end);
     RUN_TEST(clearance_is_measured_to_hits_not_to_cells);
+    RUN_TEST(floors_share_the_pool_and_nothing_else);
     return UNITY_END();
 }
