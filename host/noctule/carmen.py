@@ -394,12 +394,15 @@ def grid_image(grid: np.ndarray, occupied: int, free: int) -> np.ndarray:
     return image[::-1]
 
 
-def write_map(folder: Path, grid, parameters: dict[str, float] | None = None) -> bool:
-    """map.png, map.pgm and map.yaml (ROS map_server). False: there is no map, nothing was written.
+def write_map(folder: Path, grid, parameters: dict[str, float] | None = None, name: str = "map",
+              suffixes: tuple[str, ...] = (".png", ".pgm", ".yaml")) -> bool:
+    """<name>.png, <name>.pgm and <name>.yaml (ROS map_server), or those of them named. False: there is no map, nothing was written.
 
     Args:
         grid: Tracker.grid.
         parameters: thresholds of the grid, where they are not the defaults.
+        name: of the files.
+        suffixes: which of them.
     """
     from PIL import Image
 
@@ -414,10 +417,13 @@ def write_map(folder: Path, grid, parameters: dict[str, float] | None = None) ->
         (i0, j0), (i1, j1) = np.maximum(seen.min(axis=0) - 2, 0), seen.max(axis=0) + 3
         cells, x_m, y_m = cells[i0:i1, j0:j1], x_m + j0 * cell_m, y_m + i0 * cell_m
     image = grid_image(cells, round(16 * values["grid_occupied_log_odds"]), round(16 * values["grid_free_log_odds"]))
-    Image.fromarray(image).save(folder / "map.png")
-    with (folder / "map.pgm").open("wb") as file:
-        file.write(b"P5\n%d %d\n255\n" % (image.shape[1], image.shape[0]) + image.tobytes())
-    (folder / "map.yaml").write_text(
-        f"image: map.pgm\nresolution: {cell_m:.6g}\norigin: [{x_m:.4f}, {y_m:.4f}, 0.0]\nnegate: 0\n"
-        "occupied_thresh: 0.65\nfree_thresh: 0.196\nmode: trinary\n", encoding="utf-8")
+    if ".png" in suffixes:
+        Image.fromarray(image).save(folder / f"{name}.png")
+    if ".pgm" in suffixes:
+        with (folder / f"{name}.pgm").open("wb") as file:
+            file.write(b"P5\n%d %d\n255\n" % (image.shape[1], image.shape[0]) + image.tobytes())
+    if ".yaml" in suffixes:
+        (folder / f"{name}.yaml").write_text(
+            f"image: {name}.pgm\nresolution: {cell_m:.6g}\norigin: [{x_m:.4f}, {y_m:.4f}, 0.0]\nnegate: 0\n"
+            "occupied_thresh: 0.65\nfree_thresh: 0.196\nmode: trinary\n", encoding="utf-8")
     return True

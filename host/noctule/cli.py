@@ -58,6 +58,17 @@ exit code: 0 equal or done, 1 a difference, 2 bad input
 """
 
 
+EXPORT = """\
+Writes what a run recorded in the forms that other tools read.
+
+  tum   estimate.tum and truth.tum, frame World, from arming to touchdown; evo (PyPI) evaluates them:
+        evo_ape tum truth.tum estimate.tum --project_to_plane xy      gives report.json's pose_error_m
+  ros   map_<floor>.pgm and .yaml for map_server, frame Map
+  png   the maps as pictures
+  csv   steps.csv: a row a step, what noctule-nav said and the truth beside it
+"""
+
+
 class _Parser(argparse.ArgumentParser):
     """As argparse, but an error is one line and ends with 2."""
 
@@ -152,6 +163,12 @@ def parser() -> argparse.ArgumentParser:
                                 description="Scores a recorded run again and rewrites its report and pictures.")
     again.add_argument("run", type=Path, metavar="RUN", help="run directory")
 
+    export = commands.add_parser("export", help="write a run in the forms that other tools read", description=EXPORT,
+                                 formatter_class=argparse.RawDescriptionHelpFormatter)
+    export.add_argument("run", type=Path, metavar="RUN", help="run directory")
+    export.add_argument("--to", required=True, choices=("tum", "ros", "png", "csv"), help="the form")
+    export.add_argument("--out", type=Path, metavar="DIR", help="where to (default RUN/export)")
+
     compare = commands.add_parser("compare", help="say whether two runs are equal",
                                   description="Compares two reports; what depends on the machine (wall time, step time, "
                                               "process memory, dates, paths) is left out. Exit code 0: equal, 1: not.")
@@ -211,6 +228,14 @@ def _report(options) -> int:
     return 0
 
 
+def _export(options) -> int:
+    from noctule import export
+
+    for path in export.export(options.run, options.to, options.out):
+        print(path)
+    return 0
+
+
 def _compare(options) -> int:
     from noctule import compare, record
 
@@ -227,7 +252,7 @@ def _compare(options) -> int:
 def main(arguments=None) -> int:
     """Runs the command; returns its exit code."""
     options = parser().parse_args(arguments)
-    action = {"fly": _fly, "worlds": _worlds, "bench": _bench, "replay": _replay, "report": _report, "compare": _compare}[options.command]
+    action = {"fly": _fly, "worlds": _worlds, "bench": _bench, "replay": _replay, "report": _report, "export": _export, "compare": _compare}[options.command]
     try:
         return action(options)
     except InputError as error:
