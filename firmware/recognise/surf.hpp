@@ -3,7 +3,7 @@
 /// Model: H. Bay, A. Ess, T. Tuytelaars, L. Van Gool, Speeded-Up Robust Features (2008); descriptor windows overlap as in
 /// M-SURF (Agrawal, Konolige, Blas 2008). docs/maths/vision.md, equations (1) to (6).
 /// Frame: image, x right, y down, pixel centres at whole numbers, unit px. Angles anticlockwise as seen with y up would be
-/// clockwise here: orientation_rad turns x towards y. All storage inside (about 20 MB), no heap, not thread-safe.
+/// clockwise here: orientation_rad turns x towards y. All storage inside (about 24 MB), no heap, not thread-safe.
 #pragma once
 
 #include <array>
@@ -61,7 +61,7 @@ public:
     [[nodiscard]] const SurfCounters& counters() const { return counters_; }
 
 private:
-    static constexpr int kLayers = 4;     ///< filter sizes an octave
+    static constexpr int kLayers = 5;     ///< filter sizes an octave
     static constexpr int kPad = 4;        ///< entries that a vector may run over the end of a row
 
     void build_octave(int octave, int step);

@@ -1,0 +1,82 @@
+"""The recognition library inside this process, and dlib's SURF as its reference where the bench was built with it."""
+
+from __future__ import annotations
+
+import ctypes
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from noctule.processes import build_folder
+
+CAPACITY = 2048
+
+
+@dataclass(frozen=True)
+class Features:
+    """Key points and descriptors of one image, strongest first.
+
+    points: (N, 6) float32: x, y, scale [px], response, orientation [rad], 1 for a bright blob (dlib: sign of the Laplacian).
+    descriptors: (N, D). times_us: (repeats,) thread CPU time of each extraction.
+    """
+
+    points: np.ndarray
+    descriptors: np.ndarray
+    times_us: np.ndarray
+
+
+@lru_cache(maxsize=None)
+def library(name: str) -> ctypes.CDLL | None:
+    """The shared library of that name from the release build, or None where it was not built."""
+    path = Path(build_folder()) / "lib" / f"lib{name}.so"
+    return ctypes.CDLL(str(path)) if path.is_file() else None
+
+
+def _pointer(array: np.ndarray, kind):
+    return array.ctypes.data_as(ctypes.POINTER(kind))
+
+
+def _extract(call, grey: np.ndarray, arguments, repeats: int) -> Features:
+    grey = np.ascontiguousarray(grey, np.uint8)
+    points = np.zeros((CAPACITY, 6), np.float32)
+    descriptors = np.zeros((CAPACITY, 64), np.float32)
+    times = np.zeros(repeats)
+    count = call(_pointer(grey, ctypes.c_uint8), grey.shape[1], grey.shape[0], *arguments, repeats, _pointer(points, ctypes.c_float),
+                 _pointer(descriptors, ctypes.c_float), CAPACITY, _pointer(times, ctypes.c_double))
+    return Features(points[:count].copy(), descriptors[:count].copy(), times)
+
+
+def surf(grey: np.ndarray, most: int, threshold: float = 1e-5, octaves: int = 4, step_px: int = 2, repeats: int = 1) -> Features:
+    """Our SURF. grey: (H, W) uint8.
+
+    Raises:
+        RuntimeError: the library was not built.
+    """
+    found = library("noctule_vision_abi")
+    if found is None:
+        raise RuntimeError("libnoctule_vision_abi.so is not there: run `make build`")
+    return _extract(found.noctule_surf, grey, (ctypes.c_float(threshold), octaves, step_px, most), repeats)
+
+
+def dlib_surf(grey: np.ndarray, most: int, threshold: float = 1.0, repeats: int = 1) -> Features | None:
+    """dlib's SURF (get_surf_points), or None where the bench was built without it. grey: (H, W) uint8."""
+    found = library("noctule_bench_dlib")
+    return None if found is None else _extract(found.bench_dlib_surf, grey, (ctypes.c_float(threshold), most), repeats)
+
+
+def plane_fit(pairs: np.ndarray, tolerance_px: float = 3.0, trials: int = 2000, similarity: bool = False) -> tuple[np.ndarray | None, int]:
+    """Our homography (or similarity) over matches, and how many of them agree; None where there is none.
+
+    Args:
+        pairs: (N, 4) x, y in the first picture, u, v in the second [px].
+    """
+    found = library("noctule_vision_abi")
+    if found is None:
+        raise RuntimeError("libnoctule_vision_abi.so is not there: run `make build`")
+    pairs = np.ascontiguousarray(pairs, np.float32)
+    H = np.zeros(9)
+    agree = found.noctule_plane_fit(_pointer(pairs, ctypes.c_float), len(pairs), ctypes.c_float(tolerance_px), trials, 2 if similarity else 4,
+                                    _pointer(H, ctypes.c_double))
+    return (H.reshape(3, 3), agree) if agree else (None, 0)
