@@ -42,6 +42,8 @@ struct Endpoints final : noctule::BridgeSink {
     LcmBus bus;
     UdpEndpoint autopilot;
     std::vector<std::unique_ptr<UdpEndpoint>> ground;
+    noctule::Parameters base;  ///< defaults and --parameters, without what ground stations changed
+    std::string store_path;    ///< empty: changes last until the end
 
     void to_autopilot(const std::span<const std::uint8_t> frame) override { autopilot.send(frame); }
     void to_ground(const std::span<const std::uint8_t> frame) override {
@@ -54,6 +56,10 @@ struct Endpoints final : noctule::BridgeSink {
     void publish(const noctule::baro_t& message) override { bus.publish(noctule::kChannelBaro, message); }
     void publish(const noctule::vehicle_t& message) override { bus.publish(noctule::kChannelVehicle, message); }
     void publish(const noctule::command_t& message) override { bus.publish(noctule::kChannelCommand, message); }
+    void publish(const noctule::parameters_t& message) override { bus.publish(noctule::kChannelParameters, message); }
+    void store(const noctule::Parameters& stored) override {
+        if (!store_path.empty() && !noctule::store_parameters(store_path.c_str(), stored, base)) { std::perror(("noctule-bridge: " + store_path).c_str()); }
+    }
 };
 
 /// A peer that is not heard is named after three seconds, then at most every ten.
@@ -176,6 +182,7 @@ int main(int argc, char** argv) {
     std::string url = "udpm://239.255.76.67:7667?ttl=0&recv_buf_size=2097152";
     std::string stats_path;
     options.add_option("--parameters", parameter_path, "TOML file with `name = value` lines; defaults hold for what is not named");
+    options.add_option("--store", endpoints.store_path, "TOML file for what ground stations change; read after --parameters where it exists (give it to noctule-nav, too)");
     options.add_option("--autopilot", autopilot_url, "flight controller: udpin:ADDRESS:PORT or udpout:ADDRESS:PORT")->capture_default_str();
     options.add_option("--ground", ground_urls, "ground station, as above; may be given several times (QGroundControl: udpout:127.0.0.1:14550)");
     options.add_option("--lcm-url", url, "LCM bus of the flight")->capture_default_str();
@@ -184,6 +191,11 @@ int main(int argc, char** argv) {
 
     std::array<char, 512> error{};
     if (!parameter_path.empty() && !noctule::load_parameters(parameter_path.c_str(), parameters, error.data(), error.size())) {
+        std::fprintf(stderr, "noctule-bridge: %s\n", error.data());
+        return 2;
+    }
+    endpoints.base = parameters;
+    if (!endpoints.store_path.empty() && !noctule::load_stored_parameters(endpoints.store_path.c_str(), parameters, error.data(), error.size())) {
         std::fprintf(stderr, "noctule-bridge: %s\n", error.data());
         return 2;
     }

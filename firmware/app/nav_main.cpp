@@ -113,14 +113,20 @@ int main(int argc, char** argv) {
     CLI::App options{"noctule-nav: localisation, mapping and exploration; one step per laser scan."};
     std::string parameter_path;
     std::string url = "udpm://239.255.76.67:7667?ttl=0&recv_buf_size=2097152";
+    std::string store_path;
     std::string stats_path;
     options.add_option("--parameters", parameter_path, "TOML file with `name = value` lines; defaults hold for what is not named");
+    options.add_option("--store", store_path, "what ground stations changed, as noctule-bridge --store writes it; read after --parameters where it exists");
     options.add_option("--lcm-url", url, "LCM bus of the flight")->capture_default_str();
     options.add_option("--stats", stats_path, "write step times and memory to this JSON file at the end");
     CLI11_PARSE(options, argc, argv);
 
     std::array<char, 512> error{};
     if (!parameter_path.empty() && !noctule::load_parameters(parameter_path.c_str(), parameters, error.data(), error.size())) {
+        std::fprintf(stderr, "noctule-nav: %s\n", error.data());
+        return 2;
+    }
+    if (!store_path.empty() && !noctule::load_stored_parameters(store_path.c_str(), parameters, error.data(), error.size())) {
         std::fprintf(stderr, "noctule-nav: %s\n", error.data());
         return 2;
     }
@@ -142,7 +148,7 @@ int main(int argc, char** argv) {
             process.step_times.add(static_cast<float>(monotonic_ns() - start_ns) * 1e-3F);
         }
     };
-    for (const char* name : {noctule::kChannelScan, noctule::kChannelImu, noctule::kChannelAttitude, noctule::kChannelRangeUp, noctule::kChannelRangeDown, noctule::kChannelBaro, noctule::kChannelVehicle, noctule::kChannelCommand}) {
+    for (const char* name : {noctule::kChannelScan, noctule::kChannelImu, noctule::kChannelAttitude, noctule::kChannelRangeUp, noctule::kChannelRangeDown, noctule::kChannelBaro, noctule::kChannelVehicle, noctule::kChannelCommand, noctule::kChannelParameters}) {
         if (!process.bus.subscribe_raw(name, on_message)) {
             std::fprintf(stderr, "noctule-nav: cannot subscribe to %s\n", name);
             return 2;

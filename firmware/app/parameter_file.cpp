@@ -1,5 +1,10 @@
 #include "app/parameter_file.hpp"
 
+#include <fcntl.h>
+#include <unistd.h>
+
+#include <array>
+#include <cerrno>
 #include <cstdio>
 #include <limits>
 #include <string_view>
@@ -53,6 +58,38 @@ bool load_parameters(const char* path, Parameters& parameters, char* error, cons
     }
     parameters = changed;
     return true;
+}
+
+bool load_stored_parameters(const char* path, Parameters& parameters, char* error, const std::size_t error_size) {
+    if (::access(path, F_OK) != 0 && errno == ENOENT) { return true; }
+    return load_parameters(path, parameters, error, error_size);
+}
+
+bool store_parameters(const char* path, const Parameters& parameters, const Parameters& base) {
+    static std::array<char, 32768> text;
+    static std::array<char, 4096> beside;
+    const int named = std::snprintf(beside.data(), beside.size(), "%s.new", path);
+    if (named < 0 || static_cast<std::size_t>(named) >= beside.size()) {
+        errno = ENAMETOOLONG;
+        return false;
+    }
+    std::size_t used = static_cast<std::size_t>(std::snprintf(text.data(), text.size(), "# Written by noctule-bridge: what ground stations changed.\n"));
+    for (const ParameterRow& row : kParameterTable) {
+        const float value = parameter_value(parameters, row);
+        if (value == parameter_value(base, row)) { continue; }
+        const int length = std::snprintf(text.data() + used, text.size() - used, row.as_int != nullptr ? "%.*s = %.0f\n" : "%.*s = %.9g\n",
+                                         static_cast<int>(row.name.size()), row.name.data(), static_cast<double>(value));
+        if (length < 0 || used + static_cast<std::size_t>(length) >= text.size()) {
+            errno = ENOSPC;
+            return false;
+        }
+        used += static_cast<std::size_t>(length);
+    }
+    const int file = ::open(beside.data(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0644);
+    if (file < 0) { return false; }
+    const bool written = ::write(file, text.data(), used) == static_cast<ssize_t>(used) && ::fsync(file) == 0;
+    const bool closed = ::close(file) == 0;
+    return written && closed && ::rename(beside.data(), path) == 0;
 }
 
 }  // namespace noctule

@@ -29,8 +29,19 @@ const char* name(const std::uint32_t custom_mode) {
     }
 }
 
+constexpr PreflightRow kPreflight[] = {
+    {"VISO_TYPE", 1.0F, 3.0F, 0, "1: vision over MAVLink"},
+    {"EK3_SRC1_POSXY", 6.0F, 6.0F, 0, "6: vision"},
+    {"EK3_SRC1_VELXY", 6.0F, 6.0F, 0, "6: vision"},
+    {"EK3_SRC1_POSZ", 6.0F, 6.0F, 0, "6: vision"},
+    {"EK3_SRC1_VELZ", 6.0F, 6.0F, 0, "6: vision"},
+    {"EK3_SRC1_YAW", 6.0F, 6.0F, 0, "6: vision"},
+    {"COMPASS_ENABLE", 0.0F, 0.0F, 0, "0: no compass indoors"},
+    {"WP_YAW_BEHAVIOR", 0.0F, 0.0F, 0, "0: yaw is ours"},
+};
+
 }  // namespace
 
-const Flavour kArdupilot{"ArduPilot", mode(kGuided), mode(kLand), true, &name};
+const Flavour kArdupilot{"ArduPilot", mode(kGuided), mode(kLand), true, &name, true, kPreflight};
 
 }  // namespace noctule

@@ -19,8 +19,8 @@ constexpr std::int64_t kLocalYawFresh_us = 200000;
 
 }  // namespace
 
-Bridge::Bridge(const Parameters& parameters, BridgeSink& sink)
-    : p_(parameters), sink_(sink), supervisor_(parameters), flight_(parameters),
+Bridge::Bridge(Parameters& parameters, BridgeSink& sink)
+    : p_(parameters), sink_(sink), supervisor_(parameters), flight_(parameters), table_(parameters),
       streams_{{{MAVLINK_MSG_ID_HIGHRES_IMU, MAVLINK_MSG_ID_SCALED_IMU, static_cast<float>(parameters.link_imu_hz), 0},
                 {MAVLINK_MSG_ID_ATTITUDE_QUATERNION, MAVLINK_MSG_ID_ATTITUDE, 50.0F, 0},
                 {MAVLINK_MSG_ID_DISTANCE_SENSOR, 0, 20.0F, 0},
@@ -78,12 +78,17 @@ void Bridge::take_heartbeat(const mavlink_message_t& message) {
         if (flavour_ == nullptr) {
             text(MAV_SEVERITY_WARNING, "autopilot type %u cannot be flown, watching only", static_cast<unsigned>(heartbeat.autopilot));
         }
+        table_.cast_integers(flavour_ != nullptr && flavour_->cast_integers);
+        begin_preflight();
     }
     const bool armed = (heartbeat.base_mode & MAV_MODE_FLAG_SAFETY_ARMED) != 0;
     const bool changed = armed != armed_ || heartbeat.custom_mode != custom_mode_;
     armed_ = armed;
     custom_mode_ = heartbeat.custom_mode;
-    if (!armed_) { battery_landing_ = false; }
+    if (!armed_) {
+        battery_landing_ = false;
+        store_parameters();
+    }
     if (changed && now_us_ >= 0) {
         step_flight();
         publish_vehicle();
@@ -174,6 +179,12 @@ void Bridge::take(const mavlink_message_t& message) {
             return;
         }
         case MAVLINK_MSG_ID_COMMAND_ACK: take_ack(message); return;
+        case MAVLINK_MSG_ID_PARAM_VALUE: {
+            mavlink_param_value_t in;
+            mavlink_msg_param_value_decode(&message, &in);
+            preflight_.take(in);
+            return;
+        }
         case MAVLINK_MSG_ID_TIMESYNC: take_timesync(message); return;
         default: return;
     }
@@ -289,14 +300,17 @@ void Bridge::advance(const std::int64_t t_us) {
         send_progress();
     }
     if (now_us_ >= next_streams_us_) { ask_for_streams(); }
-    if (next_parameter_ < kParameterTable.size()) { send_parameter(next_parameter_++); }
+    step_preflight();
+    send_listed_parameters(1);
 }
 
 void Bridge::forget_autopilot_clock(const std::int64_t t_us) {
     text(MAV_SEVERITY_CRITICAL, "autopilot restarted");
     flight_.autopilot_restarted();
     pending_start_.active = false;
+    begin_preflight();
     now_us_ = -1;
+    next_table_us_ = 0;
     imu_.t_us = t_us - 1;
     attitude_.t_us = t_us - 1;
     range_up_.t_us = t_us - 1;
@@ -324,6 +338,7 @@ void Bridge::on_nav(const nav_t& message) {
     nav_ = message;
     nav_us_ = now_us_;
     nav_heard_ = true;
+    compare_values();
     if (check == SetpointCheck::good && flight_.passes_setpoints()) { send_setpoint(supervisor_.last_good(), message.t_us); }
     if (changed) {
         const char* reason = reason_text(message.reason);
@@ -360,6 +375,7 @@ void Bridge::on_odom(const odom_t& message) {
 
 void Bridge::on_wall(const std::int64_t wall_us) {
     wall_us_ = wall_us;
+    send_parameters_on_wall();
     if (spoke_) {
         spoke_ = false;
         autopilot_wall_us_ = wall_us;

@@ -18,12 +18,15 @@
 #include "lcmtypes/noctule/imu_t.hpp"
 #include "lcmtypes/noctule/nav_t.hpp"
 #include "lcmtypes/noctule/odom_t.hpp"
+#include "lcmtypes/noctule/parameters_t.hpp"
 #include "lcmtypes/noctule/range_t.hpp"
 #include "lcmtypes/noctule/vehicle_t.hpp"
 #include "link/flavour.hpp"
 #include "link/flight_control.hpp"
 #include "link/mavlink.hpp"
 #include "link/mavlink_convert.hpp"
+#include "link/parameter_server.hpp"
+#include "link/preflight.hpp"
 #include "link/supervisor.hpp"
 #include "params.gen.hpp"
 
@@ -42,6 +45,8 @@ public:
     virtual void publish(const baro_t& message) = 0;
     virtual void publish(const vehicle_t& message) = 0;
     virtual void publish(const command_t& message) = 0;
+    virtual void publish(const parameters_t& message) = 0;
+    virtual void store(const Parameters& parameters) = 0;  ///< on disk, at once and whole or not at all; never called in flight
 };
 
 class Bridge {
@@ -55,7 +60,8 @@ public:
         std::uint64_t other_autopilots = 0;  ///< heartbeats of a second autopilot
     };
 
-    Bridge(const Parameters& parameters, BridgeSink& sink);
+    /// The table is the live one: a ground station's writes change it. It outlives the bridge.
+    Bridge(Parameters& parameters, BridgeSink& sink);
 
     /// One datagram of the autopilot's link.
     void from_autopilot(std::span<const std::uint8_t> bytes);
@@ -111,12 +117,28 @@ private:
     void take_command(std::uint16_t command, float param1, float earliest_s, MavlinkTarget asked_by);
     void take_start(float earliest_s, MavlinkTarget asked_by);
     void try_pending_start();
-    [[nodiscard]] const char* start_obstacle() const;
+    struct Obstacle {
+        const char* why = nullptr;   ///< null: none
+        std::uint8_t result = MAV_RESULT_TEMPORARILY_REJECTED;
+    };
+    [[nodiscard]] Obstacle start_obstacle() const;
+    void refuse_start(const Obstacle& obstacle, MavlinkTarget asked_by);
     void begin_start(MavlinkTarget asked_by);
     void acknowledge(std::uint16_t command, std::uint8_t result, MavlinkTarget asked_by);
     void order(std::int32_t command);
-    void take_parameter_request(const mavlink_message_t& message);
-    void send_parameter(std::size_t row);
+
+    // bridge_parameters.cpp
+    void take_parameter_request(const mavlink_message_t& message, MavlinkTarget asked_by);
+    void write_parameter(const mavlink_message_t& message, MavlinkTarget asked_by);
+    void refuse_parameter(const char (&id)[16], std::int16_t index, std::uint8_t error, MavlinkTarget asked_by);
+    void store_parameters();
+    void publish_parameters();
+    void compare_values();
+    void send_listed_parameters(std::size_t at_most);
+    void send_parameters_on_wall();
+    void begin_preflight();
+    void step_preflight();
+    [[nodiscard]] const char* preflight_obstacle() const;
 
     // bridge_periodic.cpp: what the passing time brings
     void step_flight();
@@ -143,7 +165,9 @@ private:
     [[nodiscard]] bool is_us(const mavlink_message_t& message) const { return message.sysid == system_ && message.compid == MAV_COMP_ID_ONBOARD_COMPUTER; }
     [[nodiscard]] MavlinkTarget autopilot() const { return {system_, MAV_COMP_ID_AUTOPILOT1}; }
 
-    const Parameters& p_;
+    static constexpr float kTextReserve = 3.0F;  ///< texts that a long list leaves to others
+
+    Parameters& p_;
     BridgeSink& sink_;
     Supervisor supervisor_;
     FlightControl flight_;
@@ -201,9 +225,18 @@ private:
     std::int64_t next_streams_us_ = 0;
     std::int64_t streams_since_us_ = 0;
 
+    // Parameters
+    ParameterServer table_;
+    Preflight preflight_;
+    bool preflight_told_ = false;
+    std::size_t tell_row_ = kMaxPreflightRows;  ///< next row of the list of wrong ones
+    parameters_t parameters_message_{};
+    bool values_agree_ = false;            ///< nav flies our values
+    std::int64_t next_table_us_ = 0;
+    std::int64_t listed_at_us_ = -1;
+
     // Ground station
     PendingStart pending_start_;
-    std::size_t next_parameter_ = kParameterTable.size();  ///< next row of a list under way
     std::array<Stream, 7> streams_;
     float text_tokens_ = 8.0F;
     std::int64_t text_tokens_us_ = 0;

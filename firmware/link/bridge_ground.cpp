@@ -1,4 +1,4 @@
-/// The bridge's ground side: commands with their acknowledgements, and the parameter table (read-only in flight).
+/// The bridge's ground side: commands with their acknowledgements, and routing.
 #include <algorithm>
 #include <cmath>
 #include <cstring>
@@ -48,7 +48,7 @@ void Bridge::ground_frame(const MavlinkFrame& frame) {
         case MAVLINK_MSG_ID_PARAM_REQUEST_LIST:
         case MAVLINK_MSG_ID_PARAM_REQUEST_READ:
         case MAVLINK_MSG_ID_PARAM_SET:
-            if (to_us || to_all) { take_parameter_request(frame.message); }
+            if (to_us || to_all) { take_parameter_request(frame.message, asked_by); }
             return;
         default: return;
     }
@@ -93,20 +93,32 @@ void Bridge::take_command(const std::uint16_t command, const float param1, const
     acknowledge(command, MAV_RESULT_ACCEPTED, asked_by);
 }
 
-/// Why a start is not possible now; null when it is.
-const char* Bridge::start_obstacle() const {
-    if (!heard_) { return "no autopilot heard"; }
-    if (flavour_ == nullptr) { return "autopilot is neither PX4 nor ArduPilot"; }
-    if (!nav_heard_ || !supervisor_.nav_fresh(now_us_)) { return "nav is not running"; }
-    if (nav_.parameters_crc != static_cast<std::int32_t>(kParametersCrc)) { return "parameter tables differ"; }
-    if (armed_) { return "vehicle is armed already"; }
-    if (landed_ == 2) { return "vehicle is in the air"; }
-    if (!supervisor_.vision_fresh(now_us_)) { return "no estimate"; }
-    if (!supervisor_.local_fresh(now_us_)) { return "autopilot has no position"; }
-    if (!supervisor_.frames_agree()) { return "estimate and autopilot differ"; }
-    if (battery_ >= 0.0F && battery_ <= std::max(p_.battery_land, p_.battery_return)) { return "battery low"; }
-    if (nav_.ready == 0) { return "nav is not ready"; }
-    return nullptr;
+/// Why a start is not possible now. DENIED is what time alone does not mend.
+Bridge::Obstacle Bridge::start_obstacle() const {
+    constexpr std::uint8_t kDenied = MAV_RESULT_DENIED;
+    if (!heard_) { return {"no autopilot heard"}; }
+    if (flavour_ == nullptr) { return {"autopilot is neither PX4 nor ArduPilot", kDenied}; }
+    if (!nav_heard_ || !supervisor_.nav_fresh(now_us_)) { return {"nav is not running"}; }
+    if (nav_.parameters_crc != static_cast<std::int32_t>(kParametersCrc)) { return {"parameter tables differ", kDenied}; }
+    if (!values_agree_) { return {"nav has other parameter values"}; }
+    if (armed_) { return {"vehicle is armed already"}; }
+    if (landed_ == 2) { return {"vehicle is in the air"}; }
+    if (const char* why = preflight_obstacle(); why != nullptr) { return {why, preflight_.complete() ? kDenied : std::uint8_t{MAV_RESULT_TEMPORARILY_REJECTED}}; }
+    if (!supervisor_.vision_fresh(now_us_)) { return {"no estimate"}; }
+    if (!supervisor_.local_fresh(now_us_)) { return {"autopilot has no position"}; }
+    if (!supervisor_.frames_agree()) { return {"estimate and autopilot differ"}; }
+    if (battery_ >= 0.0F && battery_ <= std::max(p_.battery_land, p_.battery_return)) { return {"battery low"}; }
+    if (nav_.ready == 0) { return {"nav is not ready"}; }
+    return {};
+}
+
+void Bridge::refuse_start(const Obstacle& obstacle, const MavlinkTarget asked_by) {
+    text(MAV_SEVERITY_WARNING, "start refused: %s", obstacle.why);
+    acknowledge(MAV_CMD_MISSION_START, obstacle.result, asked_by);
+    if (preflight_.wrong() > 0) {  // say again what is wrong; what was not answered may be by now
+        tell_row_ = 0;
+        preflight_.ask_silent_again();
+    }
 }
 
 /// MAV_CMD_MISSION_START. param3 above 0 is the autopilot's time [s] before which the start is held back: in the flight's own time, it
@@ -124,9 +136,8 @@ void Bridge::take_start(const float earliest_s, const MavlinkTarget asked_by) {
         acknowledge(MAV_CMD_MISSION_START, MAV_RESULT_IN_PROGRESS, asked_by);
         return;
     }
-    if (const char* obstacle = start_obstacle(); obstacle != nullptr) {
-        text(MAV_SEVERITY_WARNING, "start refused: %s", obstacle);
-        acknowledge(MAV_CMD_MISSION_START, MAV_RESULT_TEMPORARILY_REJECTED, asked_by);
+    if (const Obstacle obstacle = start_obstacle(); obstacle.why != nullptr) {
+        refuse_start(obstacle, asked_by);
         return;
     }
     begin_start(asked_by);
@@ -134,14 +145,13 @@ void Bridge::take_start(const float earliest_s, const MavlinkTarget asked_by) {
 
 void Bridge::try_pending_start() {
     if (!pending_start_.active || now_us_ < pending_start_.earliest_us) { return; }
-    const char* obstacle = start_obstacle();
-    if (obstacle == nullptr) {
+    const Obstacle obstacle = start_obstacle();
+    if (obstacle.why == nullptr) {
         pending_start_.active = false;
         begin_start(pending_start_.asked_by);
-    } else if (now_us_ > pending_start_.give_up_us) {
+    } else if (now_us_ > pending_start_.give_up_us || obstacle.result == MAV_RESULT_DENIED) {
         pending_start_.active = false;
-        text(MAV_SEVERITY_WARNING, "start refused: %s", obstacle);
-        acknowledge(MAV_CMD_MISSION_START, MAV_RESULT_TEMPORARILY_REJECTED, pending_start_.asked_by);
+        refuse_start(obstacle, pending_start_.asked_by);
     }
 }
 
@@ -153,44 +163,6 @@ void Bridge::begin_start(const MavlinkTarget asked_by) {
     text(notice_severity(Notice::start_sequence), "%s", notice_text(Notice::start_sequence));
     publish_vehicle();
     order(command_t::START);
-}
-
-void Bridge::take_parameter_request(const mavlink_message_t& message) {
-    if (message.msgid == MAVLINK_MSG_ID_PARAM_REQUEST_LIST) {
-        next_parameter_ = 0;
-        return;
-    }
-    std::array<char, 17> id{};
-    std::size_t row = kParameterTable.size();  // none
-    if (message.msgid == MAVLINK_MSG_ID_PARAM_REQUEST_READ) {
-        mavlink_param_request_read_t in;
-        mavlink_msg_param_request_read_decode(&message, &in);
-        std::memcpy(id.data(), in.param_id, sizeof in.param_id);
-        if (in.param_index >= 0) { row = static_cast<std::size_t>(in.param_index); }
-    } else {
-        mavlink_param_set_t in;
-        mavlink_msg_param_set_decode(&message, &in);
-        std::memcpy(id.data(), in.param_id, sizeof in.param_id);
-        text(MAV_SEVERITY_WARNING, "parameters are set at start-up only");
-    }
-    for (std::size_t i = 0; row == kParameterTable.size() && i < kParameterTable.size(); ++i) {
-        if (kParameterTable[i].id == id.data()) {
-            row = i;
-            break;
-        }
-    }
-    if (row < kParameterTable.size()) { send_parameter(row); }
-}
-
-void Bridge::send_parameter(const std::size_t row) {
-    mavlink_param_value_t out{};
-    const ParameterRow& parameter = kParameterTable[row];
-    std::copy_n(parameter.id.data(), std::min<std::size_t>(parameter.id.size(), sizeof out.param_id), out.param_id);
-    out.param_value = parameter_value(p_, parameter);
-    out.param_type = MAV_PARAM_TYPE_REAL32;
-    out.param_count = static_cast<std::uint16_t>(kParameterTable.size());
-    out.param_index = static_cast<std::uint16_t>(row);
-    send_ground(mavlink_msg_param_value_encode_status, out);
 }
 
 }  // namespace noctule

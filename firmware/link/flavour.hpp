@@ -1,7 +1,9 @@
 /// What differs between flight controllers: modes and take-off. One small file each: px4.cpp, ardupilot.cpp.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
+#include <span>
 
 namespace noctule {
 
@@ -12,6 +14,17 @@ struct FlightMode {
     std::uint32_t custom_mode = 0;
 };
 
+/// A parameter of the autopilot without which it cannot be flown indoors. Right when low <= value <= high; with `bits` when all of them are set.
+struct PreflightRow {
+    const char* id;
+    float low;
+    float high;
+    std::uint32_t bits;
+    const char* should;         ///< what it should be and why, in few words ("15: position, height, velocity, yaw")
+};
+
+inline constexpr std::size_t kMaxPreflightRows = 24;
+
 struct Flavour {
     const char* name;
     FlightMode offboard;        ///< follows our setpoints
@@ -19,6 +32,8 @@ struct Flavour {
     bool takeoff_command;       ///< setpoints are ignored on the ground: MAV_CMD_NAV_TAKEOFF comes first
     /// Short name of a mode for the pilot; "another mode" when it is not known.
     const char* (*mode_name)(std::uint32_t custom_mode);
+    bool cast_integers;         ///< PARAM values of whole numbers are cast to float (else their bytes are copied)
+    std::span<const PreflightRow> preflight;
 };
 
 extern const Flavour kPx4;

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstring>
 
+#include "link/parameter_values.hpp"
 #include "streams.gen.hpp"
 
 namespace noctule {
@@ -33,7 +34,7 @@ void take(Queue& from, Queue& to, const std::size_t n) {
 }  // namespace
 
 NavNode::NavNode(const Parameters& parameters, const Publish sink, void* const context, const Stopwatch stopwatch)
-    : navigator_(parameters), predictor_(parameters), publish_(sink), context_(context), stopwatch_(stopwatch) {}
+    : parameters_(parameters), values_crc_(parameter_values_crc(parameters)), navigator_(parameters_), predictor_(parameters_), publish_(sink), context_(context), stopwatch_(stopwatch) {}
 
 template <class Message>
 bool NavNode::decode(Message& message, const std::uint8_t* const bytes, const std::size_t size) {
@@ -53,6 +54,7 @@ Input NavNode::receive(const char* const channel, const std::uint8_t* const byte
     if (is(kChannelBaro)) { return receive_baro(bytes, size); }
     if (is(kChannelVehicle)) { return receive_vehicle(bytes, size); }
     if (is(kChannelCommand)) { return receive_command(bytes, size); }
+    if (is(kChannelParameters)) { return receive_parameters(bytes, size); }
     return Input::other_channel;
 }
 
@@ -146,6 +148,19 @@ Input NavNode::receive_command(const std::uint8_t* const bytes, const std::size_
     return Input::accepted;
 }
 
+Input NavNode::receive_parameters(const std::uint8_t* const bytes, const std::size_t size) {
+    if (!decode(parameters_message_, bytes, size)) { return Input::rejected_malformed; }
+    if (!fits_table(parameters_message_)) {
+        ++refused_;
+        return Input::rejected_malformed;
+    }
+    if (!pending_parameters_.push(parameters_message_)) {
+        ++refused_;
+        return Input::refused_full;
+    }
+    return Input::accepted;
+}
+
 Input NavNode::receive_scan(const std::uint8_t* const bytes, const std::size_t size) {
     if (!decode(scan_message_, bytes, size)) { return Input::rejected_malformed; }
     const scan_t& message = scan_message_;
@@ -176,14 +191,14 @@ void NavNode::step() {
     const std::int64_t t_us = pending_.scan.t_us;
     run(Consumed{up_to(pending_.imu, t_us), up_to(pending_.attitude, t_us), up_to(pending_.range_up, t_us),
                  up_to(pending_.range_down, t_us), up_to(pending_.vehicle, t_us), up_to(pending_.command, t_us),
-                 up_to(pending_.baro, t_us)});
+                 up_to(pending_.baro, t_us), up_to(pending_parameters_, t_us)});
 }
 
 bool NavNode::step_with(const Consumed& consumed) {
     if (!scan_waiting_ || consumed.imu > pending_.imu.size() || consumed.attitude > pending_.attitude.size() ||
         consumed.range_up > pending_.range_up.size() || consumed.range_down > pending_.range_down.size() ||
         consumed.vehicle > pending_.vehicle.size() || consumed.command > pending_.command.size() ||
-        consumed.baro > pending_.baro.size()) {
+        consumed.baro > pending_.baro.size() || consumed.parameters > pending_parameters_.size()) {
         return false;
     }
     run(consumed);
@@ -199,6 +214,9 @@ void NavNode::run(const Consumed& consumed) {
     take(pending_.vehicle, frame_.vehicle, consumed.vehicle);
     take(pending_.command, frame_.command, consumed.command);
     take(pending_.baro, frame_.baro, consumed.baro);
+    for (std::size_t i = 0; i < consumed.parameters; ++i) { refused_ += apply(pending_parameters_[i], parameters_); }
+    pending_parameters_.drop_front(consumed.parameters);
+    if (consumed.parameters > 0) { values_crc_ = parameter_values_crc(parameters_); }
     frame_.scan = pending_.scan;
     scan_waiting_ = false;
 

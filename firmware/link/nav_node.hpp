@@ -3,7 +3,8 @@
 /// noctule-nav, the in-process bench and the replay all drive this same class, so that they compute the same.
 /// It collects samples until the inertial data has reached a scan's stamp, runs one Navigator::step, and publishes
 /// what the step returned: GRID_TILE, WALLS, LEVELS, then NAV, then ODOM. Between scans it publishes ODOM from the
-/// output predictor every 20 ms of data time. Samples later than the scan stay for the next step.
+/// output predictor every 20 ms of data time. Samples later than the scan stay for the next step. A PARAMETERS message
+/// takes effect between two steps; rows that need a restart keep the value they started with.
 /// Frames Map and Body (docs/frames.md), SI units. No heap, no clock, not thread-safe. All storage is inside.
 #pragma once
 
@@ -20,6 +21,7 @@
 #include "lcmtypes/noctule/levels_t.hpp"
 #include "lcmtypes/noctule/nav_t.hpp"
 #include "lcmtypes/noctule/odom_t.hpp"
+#include "lcmtypes/noctule/parameters_t.hpp"
 #include "lcmtypes/noctule/range_t.hpp"
 #include "lcmtypes/noctule/scan_t.hpp"
 #include "lcmtypes/noctule/vehicle_t.hpp"
@@ -42,6 +44,7 @@ struct Consumed {
     std::size_t vehicle = 0;
     std::size_t command = 0;
     std::size_t baro = 0;
+    std::size_t parameters = 0;
 };
 
 class NavNode {
@@ -85,6 +88,7 @@ private:
     Input receive_baro(const std::uint8_t* bytes, std::size_t size);
     Input receive_vehicle(const std::uint8_t* bytes, std::size_t size);
     Input receive_command(const std::uint8_t* bytes, std::size_t size);
+    Input receive_parameters(const std::uint8_t* bytes, std::size_t size);
     Input receive_scan(const std::uint8_t* bytes, std::size_t size);
 
     void run(const Consumed& consumed);
@@ -94,6 +98,8 @@ private:
     void publish_nav(const NavOutput& output, const Consumed& consumed, float step_us);
     void publish_odometry(std::int64_t t_us, bool at_scan);
 
+    Parameters parameters_;  ///< the live ones: all below read them here, PARAMETERS changes them between two steps
+    std::int32_t values_crc_;
     Navigator navigator_;
     OutputPredictor predictor_;
     Publish publish_;
@@ -102,6 +108,7 @@ private:
 
     SensorFrame pending_;  ///< in order of arrival; `scan` is the newest one received
     SensorFrame frame_;    ///< what the running step consumes
+    Bounded<parameters_t, kMaxParametersPerStep> pending_parameters_;
     bool scan_waiting_ = false;
     bool scan_seen_ = false;
     std::int64_t newest_imu_us_ = 0;
@@ -117,6 +124,7 @@ private:
     std::uint32_t scans_replaced_ = 0;
 
     scan_t scan_message_{};
+    parameters_t parameters_message_{};
     nav_t nav_message_{};
     grid_tile_t tile_message_{};
     walls_t walls_message_{};

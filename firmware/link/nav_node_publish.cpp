@@ -139,6 +139,8 @@ void NavNode::publish_nav(const NavOutput& output, const Consumed& consumed, con
     nav.vehicle_used = static_cast<std::int32_t>(consumed.vehicle);
     nav.command_used = static_cast<std::int32_t>(consumed.command);
     nav.baro_used = static_cast<std::int32_t>(consumed.baro);
+    nav.parameters_used = static_cast<std::int32_t>(consumed.parameters);
+    nav.values_crc = values_crc_;
     nav.step_us = step_us;
     publish(kChannelNav, nav);
 }

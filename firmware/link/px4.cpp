@@ -48,9 +48,17 @@ const char* name(const std::uint32_t custom_mode) {
     }
 }
 
+constexpr PreflightRow kPreflight[] = {
+    {"EKF2_EV_CTRL", 0.0F, 0.0F, 15, "15: position, height, velocity, yaw"},
+    {"EKF2_HGT_REF", 3.0F, 3.0F, 0, "3: height from vision"},
+    {"EKF2_GPS_CTRL", 0.0F, 0.0F, 0, "0: no GPS"},
+    {"EKF2_MAG_TYPE", 5.0F, 5.0F, 0, "5: no compass"},
+    {"COM_OF_LOSS_T", 0.5F, 5.0F, 0, "0.5 to 5 s"},
+};
+
 }  // namespace
 
-const Flavour kPx4{"PX4", mode(kMainOffboard, 0), mode(kMainAuto, kSubLand), false, &name};
+const Flavour kPx4{"PX4", mode(kMainOffboard, 0), mode(kMainAuto, kSubLand), false, &name, false, kPreflight};
 
 const Flavour* flavour_of(const std::uint8_t mav_autopilot) {
     switch (mav_autopilot) {

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import select
 import socket
+import struct
 
 from pymavlink.dialects.v20 import common as mav
 
@@ -25,6 +26,10 @@ CAPACITY_CELLS = 4
 _PX4_MAIN = {Mode.manual: 1, Mode.hold: 4, Mode.takeoff: 4, Mode.offboard: 6, Mode.land: 4}
 _PX4_SUB = {Mode.hold: 3, Mode.takeoff: 2, Mode.land: 6}
 _ARDUPILOT = {Mode.manual: 0, Mode.hold: 5, Mode.takeoff: 3, Mode.offboard: 4, Mode.land: 9}
+# What the companion's preflight check reads; the values say what this simulator does.
+_PX4_PARAMETERS = {"COM_OF_LOSS_T": 1.0, "COM_DISARM_LAND": 2.0, "EKF2_EV_CTRL": 15, "EKF2_HGT_REF": 3, "EKF2_GPS_CTRL": 0, "EKF2_MAG_TYPE": 5}
+_ARDUPILOT_PARAMETERS = {"GUID_TIMEOUT": 3.0, "DISARM_DELAY": 2.0, "VISO_TYPE": 1, "EK3_SRC1_POSXY": 6, "EK3_SRC1_VELXY": 6, "EK3_SRC1_POSZ": 6,
+                         "EK3_SRC1_VELZ": 6, "EK3_SRC1_YAW": 6, "COMPASS_ENABLE": 0, "WP_YAW_BEHAVIOR": 0}
 _IGNORE_POSITION, _IGNORE_VELOCITY, _IGNORE_YAW = 0x0007, 0x0038, 0x0400
 
 
@@ -90,7 +95,7 @@ class MavlinkLink:
         self._outbox: list = []
         self._said: set[str] = set()
         self._state = None
-        self._parameters = {"COM_OF_LOSS_T": 1.0, "COM_DISARM_LAND": 2.0} if self.flavour == "px4" else {"GUID_TIMEOUT": 3.0, "DISARM_DELAY": 2.0}
+        self._parameters = dict(_PX4_PARAMETERS if self.flavour == "px4" else _ARDUPILOT_PARAMETERS)
         self.companion_heard = False
         self.bad_bytes = 0
 
@@ -232,6 +237,9 @@ class MavlinkLink:
         return False
 
     def _parameter(self, name: str, value: float, index: int):
+        if isinstance(value, int):      # PX4 copies the bytes of a whole number, ArduPilot casts it
+            value = float(value) if self.flavour == "ardupilot" else struct.unpack("<f", struct.pack("<i", value))[0]
+            return mav.MAVLink_param_value_message(name.encode(), value, mav.MAV_PARAM_TYPE_INT32, len(self._parameters), index)
         return mav.MAVLink_param_value_message(name.encode(), value, mav.MAV_PARAM_TYPE_REAL32, len(self._parameters), index)
 
     def _setpoint(self, m) -> None:

@@ -7,6 +7,7 @@ import random
 import select
 import signal
 import socket
+import struct
 import subprocess
 import time
 from pathlib import Path
@@ -25,6 +26,19 @@ BUILD = Path(os.environ.get("NOCTULE_BUILD", ROOT / "build" / "release")).resolv
 SYSTEM, COMPANION = 7, 191
 OFFBOARD, POSITION, LAND = 6 << 16, 3 << 16, 4 << 16 | 6 << 24
 TICK_US = 50_000
+
+
+AUTOPILOT_PARAMETERS = {"EKF2_EV_CTRL": 15, "EKF2_HGT_REF": 3, "EKF2_GPS_CTRL": 0, "EKF2_MAG_TYPE": 5, "COM_OF_LOSS_T": 1.0}
+
+
+def values_crc(values: dict[str, float]) -> int:
+    """NAV.values_crc of a table of values by name: FNV-1a over the floats of the rows that need no restart, as a signed number."""
+    code = 2166136261
+    for row in params_gen.TABLE:
+        if not row.reboot:
+            for byte in struct.pack("<f", values[row.name]):
+                code = (code ^ byte) * 16777619 % (1 << 32)
+    return code - (1 << 32) if code >= 1 << 31 else code
 
 
 class Lossy:
@@ -64,15 +78,18 @@ class Peers:
         folder: where the bridge's stderr and stats go.
         loss: share of datagrams lost on each MAVLink link and in each direction.
         garbage: share of sends that are preceded by a datagram of garbage.
+        options: further options of the bridge.
+        second_ground: a second ground station listens at an endpoint of its own.
     """
 
-    def __init__(self, folder: Path, loss: float = 0.0, garbage: float = 0.0, parameters: str = ""):
-        self.locks = [PortLock.take_any() for _ in range(3)]
-        autopilot_port, ground_port, lcm_port = (lock.port for lock in self.locks)
+    def __init__(self, folder: Path, loss: float = 0.0, garbage: float = 0.0, parameters: str = "", options: tuple[str, ...] = (), second_ground: bool = False):
+        self.locks = [PortLock.take_any() for _ in range(4)]
+        autopilot_port, ground_port, lcm_port, second_port = (lock.port for lock in self.locks)
         self.lcm = lcm.LCM(lcm_url(lcm_port))
         self.autopilot = Lossy(loss, garbage, 1)
         self.autopilot.peer = ("127.0.0.1", autopilot_port)
         self.ground = Lossy(loss, garbage, 2, ground_port)
+        self.second = Lossy(loss, garbage, 3, second_port) if second_ground else None
         self.stats = folder / "stats.json"
         self.log = folder / "bridge.txt"
         (folder / "parameters.toml").write_text(parameters)
@@ -82,7 +99,8 @@ class Peers:
             environment["LD_PRELOAD"] = str(counter)
         self.process = subprocess.Popen(
             [str(BUILD / "bin" / "noctule-bridge"), "--parameters", str(folder / "parameters.toml"), "--autopilot", f"udpin:127.0.0.1:{autopilot_port}",
-             "--ground", f"udpout:127.0.0.1:{ground_port}", "--lcm-url", lcm_url(lcm_port), "--stats", str(self.stats)],
+             "--ground", f"udpout:127.0.0.1:{ground_port}", "--lcm-url", lcm_url(lcm_port), "--stats", str(self.stats), *options,
+             *(("--ground", f"udpout:127.0.0.1:{second_port}") if second_ground else ())],
             stderr=open(self.log, "w"), env=environment)
         self.autopilot_mav = mavlink.MAVLink(None, SYSTEM, 1)
         self.ground_mav = mavlink.MAVLink(None, 255, 190)
@@ -91,6 +109,11 @@ class Peers:
         self.t_us = 1_000_000
         self.at_autopilot: list = []    # messages that arrived there, from the bridge
         self.at_ground: list = []
+        self.at_second: list = []
+        self.second_mav = mavlink.MAVLink(None, 254, 190)
+        self.second_mav.robust_parsing = True
+        self.tables: list = []
+        self.values = {row.name: row.default for row in params_gen.TABLE}   # what the fake nav flies
         self.imu: list = []
         self.vehicle: list = []
         self.orders: list[int] = []
@@ -104,7 +127,15 @@ class Peers:
         for channel, kind, store in (("IMU", noctule_lcm.imu_t, self.imu), ("VEHICLE", noctule_lcm.vehicle_t, self.vehicle)):
             self.lcm.subscribe(channel, lambda _, data, kind=kind, store=store: store.append(kind.decode(data)))
         self.lcm.subscribe("COMMAND", lambda _, data: self.orders.append(noctule_lcm.command_t.decode(data).command))
+        self.lcm.subscribe("PARAMETERS", self._take_table)
         self._wait_until_up()
+
+    def _take_table(self, _, data: bytes) -> None:
+        table = noctule_lcm.parameters_t.decode(data)
+        self.tables.append(table)
+        for row, value in zip(params_gen.TABLE, table.value):
+            if not row.reboot:
+                self.values[row.name] = value
 
     def __enter__(self):
         return self
@@ -113,8 +144,9 @@ class Peers:
         if self.process.poll() is None:
             self.process.kill()
             self.process.wait()
-        for end in (self.autopilot, self.ground):
-            end.socket.close()
+        for end in (self.autopilot, self.ground, self.second):
+            if end is not None:
+                end.socket.close()
         for lock in self.locks:
             lock.release()
 
@@ -132,8 +164,9 @@ class Peers:
         return [m for m in messages if m.get_type() == kind]
 
     def _receive(self) -> None:
-        for end, parser, store in ((self.autopilot, self.autopilot_mav, self.at_autopilot), (self.ground, self.ground_mav, self.at_ground)):
-            for data in end.receive():
+        for end, parser, store in ((self.autopilot, self.autopilot_mav, self.at_autopilot), (self.ground, self.ground_mav, self.at_ground),
+                                   (self.second, self.second_mav, self.at_second)):
+            for data in (end.receive() if end is not None else ()):
                 store += parser.parse_buffer(data) or []
         while self.lcm.handle_timeout(0) > 0:
             pass
@@ -145,6 +178,11 @@ class Peers:
 
     def _obey(self, begin: int) -> None:
         for message in self.at_autopilot[begin:]:
+            if message.get_type() == "PARAM_REQUEST_READ" and message.param_id in AUTOPILOT_PARAMETERS:
+                value = AUTOPILOT_PARAMETERS[message.param_id]
+                kind = mavlink.MAV_PARAM_TYPE_INT32 if isinstance(value, int) else mavlink.MAV_PARAM_TYPE_REAL32
+                wire = struct.unpack("<f", struct.pack("<i", value))[0] if isinstance(value, int) else value
+                self._autopilot_says(mavlink.MAVLink_param_value_message(message.param_id.encode(), wire, kind, len(AUTOPILOT_PARAMETERS), 0))
             if message.get_type() != "COMMAND_LONG" or message.target_component != 1:
                 continue
             if message.command == mavlink.MAV_CMD_DO_SET_MODE:
@@ -174,6 +212,7 @@ class Peers:
             self._obey(looked_at)
             return
         self.nav.t_us = self.odom.t_us = self.t_us
+        self.nav.values_crc = values_crc(self.values)
         self.nav.seq += 1
         self.odom.seq += 1
         self.nav.x_m, self.nav.y_m, self.nav.z_m = self.odom.x_m, self.odom.y_m, self.odom.z_m
@@ -200,6 +239,12 @@ class Peers:
             if until():
                 return True
         return until()
+
+    def say(self, message, second: bool = False) -> None:
+        """A ground station (the second one) sends a message."""
+        end, mav = (self.second, self.second_mav) if second else (self.ground, self.ground_mav)
+        end.send(message.pack(mav))
+        mav.seq = (mav.seq + 1) % 256
 
     def ask(self, command: int, param1: float = 0.0, param3: float = 0.0) -> None:
         """The ground station orders the companion."""

@@ -3,12 +3,15 @@
 
 #include <cmath>
 #include <cstdint>
+#include <cstring>
 #include <functional>
 #include <span>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "link/bridge.hpp"
+#include "link/parameter_values.hpp"
 #include "plan/mission.hpp"
 
 namespace noctule::scene {
@@ -28,6 +31,8 @@ public:
     void publish(const baro_t& m) override { baro.push_back(m); }
     void publish(const vehicle_t& m) override { vehicle.push_back(m); }
     void publish(const command_t& m) override { command.push_back(m); }
+    void publish(const parameters_t& m) override { tables.push_back(m); }
+    void store(const Parameters& m) override { stored.push_back(m); }
 
     std::vector<mavlink_message_t> autopilot;
     std::vector<mavlink_message_t> ground;
@@ -38,6 +43,8 @@ public:
     std::vector<baro_t> baro;
     std::vector<vehicle_t> vehicle;
     std::vector<command_t> command;
+    std::vector<parameters_t> tables;
+    std::vector<Parameters> stored;
 
 private:
     static void take(MavlinkReader& reader, const std::span<const std::uint8_t> frame, std::vector<mavlink_message_t>& out) {
@@ -64,6 +71,8 @@ struct Scene {
     LocalPosition local_offset;      ///< autopilot's position minus ours
     float yaw_offset_rad = 0.0F;
     bool nav_runs = true;
+    bool obeys_tables = true;        ///< nav flies the bridge's values
+    std::vector<std::pair<std::string, float>> autopilot_parameters;  ///< what it answers with; empty: the wanted ones
     bool odom_runs = true;
     nav_t nav{};
     odom_t odom{};
@@ -101,6 +110,7 @@ struct Scene {
 
     void obey() {
         for (; obeyed < out.autopilot.size(); ++obeyed) {
+            answer_parameter(out.autopilot[obeyed]);
             if (out.autopilot[obeyed].msgid != MAVLINK_MSG_ID_COMMAND_LONG) { continue; }
             mavlink_command_long_t c{};
             mavlink_msg_command_long_decode(&out.autopilot[obeyed], &c);
@@ -109,6 +119,29 @@ struct Scene {
                                                            : static_cast<std::uint32_t>(c.param2);
             }
             if (c.command == MAV_CMD_COMPONENT_ARM_DISARM && obeys_arm) { armed = c.param1 > 0.5F; }
+        }
+    }
+
+    /// PARAM_REQUEST_READ: what a well set autopilot says, or what the scene wants it to say (NaN: nothing).
+    void answer_parameter(const mavlink_message_t& message) {
+        if (message.msgid != MAVLINK_MSG_ID_PARAM_REQUEST_READ) { return; }
+        mavlink_param_request_read_t in{};
+        mavlink_msg_param_request_read_decode(&message, &in);
+        const Flavour* flavour = flavour_of(autopilot_type);
+        if (flavour == nullptr) { return; }
+        for (const PreflightRow& row : flavour->preflight) {
+            if (parameter_id(in.param_id) != row.id) { continue; }
+            float value = row.bits != 0 ? static_cast<float>(row.bits) : row.low;
+            for (const auto& [id, other] : autopilot_parameters) {
+                if (id == row.id) { value = other; }
+            }
+            if (!(value == value)) { return; }
+            mavlink_param_value_t answer{};
+            std::memcpy(answer.param_id, in.param_id, sizeof answer.param_id);
+            const bool whole = value == std::floor(value);
+            answer.param_type = whole ? MAV_PARAM_TYPE_INT32 : MAV_PARAM_TYPE_REAL32;
+            answer.param_value = whole ? integer_to_wire(static_cast<std::int32_t>(value), flavour->cast_integers) : value;
+            from_autopilot(mavlink_msg_param_value_encode_status, answer);
         }
     }
 
@@ -136,6 +169,7 @@ struct Scene {
         from_autopilot(mavlink_msg_highres_imu_encode_status, to_highres_imu(imu));
         if (nav_runs) {
             nav.t_us = t_us;
+            if (obeys_tables) { nav.values_crc = parameter_values_crc(parameters); }
             ++nav.seq;
             nav.x_m = odom.x_m;
             nav.y_m = odom.y_m;
