@@ -7,8 +7,8 @@ import json
 import sys
 from pathlib import Path
 
-from noctule.settings import (AUTOPILOTS, DEFAULT_MAX_TIME_S, PRESETS, PROFILES, FlightSettings, InputError, parse_fault,
-                              parse_parameter)
+from noctule.settings import (AUTOPILOTS, DEFAULT_MAX_TIME_S, EXIT_SKIPPED, PRESETS, PROFILES, REAL_AUTOPILOTS, FlightSettings,
+                              InputError, SkippedFlight, parse_fault, parse_parameter)
 
 ABOUT = """\
 Noctule flies a micro-aerial vehicle through a building it has never seen, maps it, and comes home.
@@ -35,7 +35,10 @@ examples:
   noctule fly office --seed 2 --param speed_max_m_s=0.7 --profile harsh
   noctule fly maze_a --fault odometry-cut@40      what happens when the autopilot loses our position
 
-exit code: 0 completed, 1 not completed or a collision, 2 bad input, 130 interrupted (the report is still written)
+  noctule fly maze_a --autopilot px4 --autopilot-binary ~/PX4-Autopilot/build/px4_sitl_default/bin/px4
+
+exit code: 0 completed, 1 not completed or a collision, 2 bad input, 77 skipped (the real autopilot that was asked for is not
+installed), 130 interrupted (the report is still written)
 """
 
 REPLAY = """\
@@ -135,6 +138,12 @@ def parser() -> argparse.ArgumentParser:
     fly.add_argument("--log-images", action="store_true", help="record the camera's images (46 MB a minute and more)")
     fly.add_argument("--autopilot-flavour", dest="autopilot", choices=AUTOPILOTS, default="px4",
                      help="which autopilot the simulated one behaves like")
+    fly.add_argument("--autopilot", dest="real", choices=("builtin", *REAL_AUTOPILOTS), default="builtin",
+                     help="who flies: the simulator's own autopilot, or your real ArduCopter or PX4 in software in the loop "
+                          "(docs/ardupilot.md, docs/px4.md)")
+    fly.add_argument("--autopilot-binary", type=Path, metavar="PATH",
+                     help="the real autopilot's program (default: NOCTULE_ARDUCOPTER or NOCTULE_PX4, then PATH)")
+    fly.add_argument("--connect", metavar="URL", help="the real autopilot runs already; its MAVLink is at udpin:HOST:PORT or tcp:HOST:PORT")
     fly.add_argument("--quiet", action="store_true", help="no progress")
 
     commands.add_parser("worlds", help="list the shipped worlds", description="The worlds that come with the simulator.")
@@ -183,7 +192,9 @@ def _fly(options) -> int:
     settings = FlightSettings(world=options.world, seed=options.seed, out=options.out, realtime=options.realtime,
                               camera=options.camera, max_time_s=options.max_time, parameters=dict(options.param),
                               preset=options.preset, profile=options.profile, faults=options.fault,
-                              log_images=options.log_images, autopilot=options.autopilot)
+                              log_images=options.log_images, autopilot=options.autopilot,
+                              real=None if options.real == "builtin" else options.real,
+                              autopilot_binary=options.autopilot_binary, connect=options.connect)
     result = flight.fly(settings, options.quiet)
     print(flight.summary(result))
     print(f"report: {Path(result['run']) / 'report.html'}")
@@ -258,6 +269,9 @@ def main(arguments=None) -> int:
     except InputError as error:
         print(f"noctule: {error}", file=sys.stderr)
         return 2
+    except SkippedFlight as error:
+        print(error)
+        return EXIT_SKIPPED
     except KeyboardInterrupt:
         return 130
     except BrokenPipeError:

@@ -17,10 +17,11 @@ from noctule.ground import GroundStation
 from noctule.processes import (Child, PortLock, end_all, find_program, build_folder, lcm_url, multicast_problem,
                                need_program)
 from noctule.score import ExploredScore, StartPose
-from noctule.settings import FlightSettings, InputError, parameter_values, parameters_toml, run_folder
+from noctule.settings import FlightSettings, InputError, SkippedFlight, parameter_values, parameters_toml, run_folder
 
 GROUND_PORT = 14550          # where ground stations listen by custom
 START_S = 3.0                # autopilot time of the start: late enough for every process to be up
+REAL_START_S = 20.0          # a real autopilot first boots and finds its position
 BRIDGE_WAIT_S = 10.0         # wall time
 RECORDER_WAIT_S = 10.0       # wall time
 NOT_STARTED_S = 90.0         # simulated time after which a mission that has not armed is given up
@@ -259,7 +260,7 @@ class Flight:
     def _write_settings(self, camera: bool, wall_time_s: float) -> None:
         s = self.settings
         content = {"world": self.world.name, "seed": s.seed, "profile": s.profile, "preset": s.preset,
-                   "autopilot": s.autopilot, "parameters": s.parameters, "faults": s.faults, "camera": camera,
+                   "autopilot": s.autopilot, "real_autopilot": s.real, "parameters": s.parameters, "faults": s.faults, "camera": camera,
                    "realtime": s.realtime, "max_time_s": s.max_time_s, "wall_time_s": wall_time_s,
                    "date": datetime.datetime.now(datetime.timezone.utc).isoformat(timespec="seconds"),
                    "interrupted": self.interrupted, "died": self.died, "last_text": self.last_text}
@@ -312,6 +313,10 @@ class Flight:
         command = [sys.executable, "-m", "noctule_sim", self.folder / "world.yaml", "--seed", s.seed, "--profile",
                    s.profile, "--out", self.folder, "--autopilot-port", autopilot_port, "--lcm-url", url,
                    "--camera-lcm-url", camera_url, "--max-time", f"{s.max_time_s:g}", "--autopilot-flavour", s.autopilot]
+        if s.real:
+            command += ["--autopilot", s.real]
+            command += ["--autopilot-binary", s.autopilot_binary] if s.autopilot_binary else []
+            command += ["--connect", s.connect] if s.connect else []
         command += [] if camera else ["--no-camera"]
         command += ["--realtime"] if s.realtime else []
         for fault in s.faults:
@@ -337,7 +342,7 @@ class Flight:
             select.select([station.socket], [], [], 0.05)
             station.receive()
             station.tick()
-            station.start_mission(START_S)
+            station.start_mission(REAL_START_S if self.settings.real else START_S)
         if not station.start_pending:
             self.died = "noctule-bridge did not take the start"
             self.progress.say(f"{self.died} within {BRIDGE_WAIT_S:g} s, see log/noctule-bridge.txt")
@@ -437,6 +442,27 @@ def exit_code(result: dict) -> int:
     return 0 if result["outcome"] == "completed" and result["collisions"] == 0 else 1
 
 
+def need_autopilot(settings: FlightSettings) -> None:
+    """Sees to it that the real autopilot that is asked for can be started.
+
+    Raises:
+        SkippedFlight: its program is not there. InputError: it was named wrongly; one line.
+    """
+    from noctule_sim import sitl
+
+    if settings.real is None:
+        if settings.connect or settings.autopilot_binary:
+            raise InputError("--connect and --autopilot-binary go with --autopilot ardupilot or px4")
+        return
+    try:
+        if settings.connect:
+            sitl.parse_connect(settings.connect)
+        elif sitl.find(settings.real, settings.autopilot_binary) is None:
+            raise SkippedFlight(sitl.skipped_line(settings.real))
+    except ValueError as error:
+        raise InputError(str(error)) from None
+
+
 def fly(settings: FlightSettings, quiet: bool = False) -> dict:
     """Flies the settings and returns the report.
 
@@ -446,6 +472,7 @@ def fly(settings: FlightSettings, quiet: bool = False) -> dict:
     """
     from noctule_sim.world import WorldError, load_world
 
+    need_autopilot(settings)
     radius = parameter_values(settings)["hull_radius_m"]
     try:
         world = load_world(settings.world, radius)

@@ -8,12 +8,18 @@ from pathlib import Path
 
 PROFILES = ("ideal", "default", "harsh")
 PRESETS = ("default", "paper")
-AUTOPILOTS = ("px4", "ardupilot")
+AUTOPILOTS = ("px4", "ardupilot")              # flavours of the built-in one
+REAL_AUTOPILOTS = ("ardupilot", "px4")
+EXIT_SKIPPED = 77                              # the real autopilot's program is not there: nothing was flown
 DEFAULT_MAX_TIME_S = 1800.0
 
 
 class InputError(ValueError):
     """Bad input of the user; the text is one clear line, the command ends with 2."""
+
+
+class SkippedFlight(Exception):
+    """Nothing was flown because a program of the user's is not there; the text is one line, the command ends with EXIT_SKIPPED."""
 
 
 @dataclass
@@ -31,7 +37,10 @@ class FlightSettings:
     profile: str = "default"
     faults: list[str] = field(default_factory=list)
     log_images: bool = False
-    autopilot: str = "px4"
+    autopilot: str = "px4"              # flavour of the built-in autopilot
+    real: str | None = None             # one of REAL_AUTOPILOTS: flown by that instead
+    autopilot_binary: Path | None = None
+    connect: str | None = None          # the real one runs already: where its MAVLink is
 
 
 def parameter_row(name: str):

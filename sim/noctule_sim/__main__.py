@@ -7,7 +7,10 @@ import math
 import os
 import signal
 import sys
+import tempfile
 from pathlib import Path
+
+EXIT_SKIPPED = 77         # no program of the real autopilot was found: nothing was flown, nothing has failed
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -34,6 +37,12 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--max-time", type=float, default=math.inf, help="ends after this many simulated seconds")
     parser.add_argument("--fault", action="append", default=[], metavar="NAME@T", help=f"from T seconds on: {', '.join(FAULTS)}")
     parser.add_argument("--autopilot-flavour", choices=sorted(MODE_NAMES), default="px4", help="whose behaviour")
+    parser.add_argument("--autopilot", choices=("builtin", "ardupilot", "px4"), default="builtin",
+                        help="who flies: the simulator's own autopilot, or the user's real one in software in the loop (docs/px4.md, docs/ardupilot.md)")
+    parser.add_argument("--autopilot-binary", type=Path, metavar="PATH", help="its program (default: NOCTULE_ARDUCOPTER or NOCTULE_PX4, then PATH)")
+    parser.add_argument("--connect", metavar="URL", help="it runs already: its MAVLink is at udpin:HOST:PORT or tcp:HOST:PORT")
+    parser.add_argument("--physics-port", type=int, metavar="PORT",
+                        help="with --connect, where its physics interface comes to (default 9002 for ArduPilot, 4560 for PX4)")
     parser.add_argument("--param", action="append", default=[], metavar="NAME=VALUE", help="row of the parameter table (hull, sensor places)")
     return parser
 
@@ -78,12 +87,37 @@ def parse_parameters(texts) -> dict[str, float]:
     return out
 
 
+def external_autopilot(options):
+    """The real autopilot that the options name: External, its MAVLink's place, and Program (None: the user runs it).
+
+    Raises:
+        ValueError, OSError: one line. FileNotFoundError: no program; its text is the line of a skipped flight.
+    """
+    from . import sitl
+    from .external import REAL
+
+    kind = options.autopilot
+    if options.connect:
+        place = sitl.parse_connect(options.connect)
+        default = 4560 if kind == "px4" else 9002
+        return REAL[kind](options.physics_port or default), place, None
+    binary = sitl.find(kind, options.autopilot_binary)
+    if binary is None:
+        raise FileNotFoundError(sitl.skipped_line(kind))
+    folder = (options.out or Path(tempfile.mkdtemp(prefix="noctule-"))) / "autopilot"
+    program = sitl.Program(kind, binary, folder)
+    (_, physics), (_, mavlink) = sitl.ports(kind, program.instance.number)
+    return REAL[kind](physics), ("udpin", "127.0.0.1", mavlink), program
+
+
 def main(arguments=None) -> int:
-    """Runs one simulation. 0: it ended by itself; 2: bad input; 130: interrupted."""
+    """Runs one simulation. 0: it ended by itself; 1: the real autopilot was lost; 2: bad input; 77: no real autopilot found; 130: interrupted."""
     # With this set, MuJoCo loads EGL at import and cannot be imported at all where there is none; the camera asks for EGL itself.
     os.environ.pop("MUJOCO_GL", None)
     options = _parser().parse_args(arguments)
     from .camera import CameraUnavailable
+    from .external_run import ExternalRunner
+    from .passage import Passage
     from .run import Runner
     from .simulation import Simulation, vehicle_parameters
     from .world import WorldError, load_world
@@ -102,12 +136,27 @@ def main(arguments=None) -> int:
             folder.mkdir(parents=True, exist_ok=True)
         make = dict(world=world, seed=options.seed, profile=options.profile, parameters=parameters, flavour=options.autopilot_flavour,
                     faults=faults, max_time_s=options.max_time)
+        external = link = program = None
+        if options.autopilot != "builtin":
+            external, place, program = external_autopilot(options)
+            make["external"] = external
+            simulation_box: list = []
+            link = Passage(external.state, place, options.autopilot_port, lambda name: bool(simulation_box) and simulation_box[0].fault(name))
         try:
             simulation = Simulation(camera=bool(options.camera_lcm_url) and not options.no_camera, **make)
         except CameraUnavailable as error:
             print(f"noctule-sim: {error}; going on without it", file=sys.stderr, flush=True)
             simulation = Simulation(camera=False, **make)
-        runner = Runner(simulation, options.autopilot_port, options.lcm_url, options.camera_lcm_url, folder, options.realtime)
+        if external is None:
+            runner = Runner(simulation, options.autopilot_port, options.lcm_url, options.camera_lcm_url, folder, options.realtime)
+        else:
+            simulation_box.append(simulation)
+            runner = ExternalRunner(simulation, link, options.lcm_url, options.camera_lcm_url, folder, options.realtime, program)
+            if program is not None:
+                program.start()
+    except FileNotFoundError as error:
+        print(f"noctule-sim: {error}", file=sys.stderr)
+        return EXIT_SKIPPED
     except (WorldError, ValueError, OSError, RuntimeError) as error:
         print(f"noctule-sim: {' '.join(str(error).split())}", file=sys.stderr)
         return 2
@@ -119,7 +168,7 @@ def main(arguments=None) -> int:
     signal.signal(signal.SIGTERM, end)
     outcome = runner.run()
     print(f"noctule-sim: {outcome.text} after {simulation.t_us * 1e-6:.1f} s", flush=True)
-    return 130 if outcome.name == "interrupted" else 0
+    return {"interrupted": 130, "autopilot_lost": 1}.get(outcome.name, 0)
 
 
 if __name__ == "__main__":

@@ -94,14 +94,15 @@ class Runner:
         camera_lcm_url: bus of the images; needed with a camera.
         folder: where truth.csv and sim.json go; None: nowhere.
         realtime: a tick takes 50 ms of wall time, nothing is awaited.
+        link: the autopilot's side of the MAVLink; None: the simulated autopilot's own.
     """
 
     def __init__(self, simulation: Simulation, port: int, lcm_url: str, camera_lcm_url: str | None = None,
-                 folder: Path | None = None, realtime: bool = False):
+                 folder: Path | None = None, realtime: bool = False, link=None):
         import lcm
 
         self.simulation = simulation
-        self.link = MavlinkLink(simulation, port)
+        self.link = link or MavlinkLink(simulation, port)
         self.bus = lcm.LCM(lcm_url)
         self.realtime = realtime
         self.lockstep_broken = False
@@ -179,17 +180,23 @@ class Runner:
 
     def _publish(self, tick: TickData) -> None:
         self.link.send(tick)
+        self._publish_scan(tick)
+        if tick.image is not None:
+            self._publish_image(tick)
+
+    def _publish_scan(self, tick: TickData) -> None:
         if tick.scan_m is not None:
             self.bus.publish("SCAN", self._scan.encode(tick.t_us, self._seq, tick.scan_m))
             self._seq += 1
-        if tick.image is not None:
-            t_us, bgr = tick.image
-            from noctule_lcm import image_t
 
-            kind = getattr(image_t, "image_t", image_t)
-            head = struct.pack(">8sqiii", kind._get_packed_fingerprint(), t_us, self._image_seq, bgr.shape[1], bgr.shape[0])
-            self._images.publish("IMAGE", head + bgr.tobytes())
-            self._image_seq += 1
+    def _publish_image(self, tick: TickData) -> None:
+        t_us, bgr = tick.image
+        from noctule_lcm import image_t
+
+        kind = getattr(image_t, "image_t", image_t)
+        head = struct.pack(">8sqiii", kind._get_packed_fingerprint(), t_us, self._image_seq, bgr.shape[1], bgr.shape[0])
+        self._images.publish("IMAGE", head + bgr.tobytes())
+        self._image_seq += 1
 
     def _await(self, tick: TickData) -> None:
         now = time.monotonic()

@@ -33,6 +33,7 @@ _SPLIT = ((1,) + (2,) * 12, (3,) + (2,) * 11)
 # Which of them also carry an attitude (50 Hz: 2 and 3 in turn, always the last).
 _ATTITUDE = (frozenset((6, 12)), frozenset((3, 7, 11)))
 _CAMERA_EVERY = 4
+EXTERNAL_POSE_US = 5_000  # poses kept for the laser's sweep when a real autopilot flies
 
 
 class SetpointIn(NamedTuple):
@@ -150,10 +151,11 @@ class Simulation:
         flavour: 'px4' or 'ardupilot'.
         faults: name (one of FAULTS) -> time from which it acts [s].
         max_time_s: the simulation ends then.
+        external: a real autopilot in the place of the simulated one (external.External); None: none.
     """
 
     def __init__(self, world: World, seed: int = 0, profile: str = "default", parameters=None, camera: bool = False,
-                 flavour: str = "px4", faults=None, max_time_s: float = math.inf):
+                 flavour: str = "px4", faults=None, max_time_s: float = math.inf, external=None):
         if profile not in PROFILES:
             raise ValueError(f"profile '{profile}' is not one of {', '.join(PROFILES)}")
         for name in faults or {}:
@@ -165,8 +167,9 @@ class Simulation:
         p = vehicle_parameters(parameters)
         self.airframe = Airframe(hull_radius_m=p["hull_radius_m"], hull_height_m=p["hull_height_m"], rest_height_m=max(
             p["ground_clearance_m"], p["hull_height_m"] / 2 + 0.01))
-        self.vehicle = Vehicle(world, self.airframe)
-        self.autopilot = Autopilot(self.airframe, flavour)
+        self.external = external
+        self.vehicle = Vehicle(world, self.airframe, external.physics_step_s if external else PHYSICS_STEP_S)
+        self.autopilot = external or Autopilot(self.airframe, flavour)
         self.geometry = Geometry(world)
         streams = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(6)]
         self.laser = Laser(self.profile, streams[0])
@@ -193,7 +196,8 @@ class Simulation:
         self._done_since_us: int | None = None
         self._tilted_since_us: int | None = None
         self._pending: deque[tuple[int, Callable[[], object]]] = deque()
-        self._spans = tuple(np.array(s) * PHYSICS_STEP_S for s in _SPLIT)
+        self._split = external.split if external else _SPLIT
+        self._spans = tuple(np.array(s) * self.vehicle.step_s for s in self._split)
         self._poses = deque([self._pose_row(0.0)], maxlen=12)
         self._camera_lag = int(round(self.profile.camera_latency_s * 1e6))
         self.odometry_received = self.odometry_used = self.setpoints_received = 0
@@ -227,15 +231,16 @@ class Simulation:
         self.post(lambda: self._take_setpoint(setpoint))
 
     def _take_odometry(self, o: OdometryIn) -> None:
-        if not self._fault("odometry-cut"):
+        if not self.fault("odometry-cut"):
             self.odometry_used += self.autopilot.odometry(
                 o.t_us, o.x_m, o.y_m, o.z_m, o.vx_m_s, o.vy_m_s, o.vz_m_s, o.yaw_rad, o.quality, o.reset_counter)
 
     def _take_setpoint(self, s: SetpointIn) -> None:
-        if not self._fault("setpoint-cut"):
+        if not self.fault("setpoint-cut"):
             self.autopilot.setpoint(*s)
 
-    def _fault(self, name: str) -> bool:
+    def fault(self, name: str) -> bool:
+        """Whether a fault acts now."""
         since = self.faults.get(name)
         return since is not None and self.autopilot.estimator.t_us >= since
 
@@ -253,23 +258,27 @@ class Simulation:
         attitudes: list[AttitudeOut] = []
         image = None
         exposure_us = end_us - self._camera_lag if self.camera is not None and (self.ticks + 1) % _CAMERA_EVERY == 0 else -1
-        last = len(_SPLIT[odd]) - 1
-        slow = self.profile.imu_stream_hz == 50 or self._fault("imu-50hz")
-        for i, steps in enumerate(_SPLIT[odd]):
+        step_us = int(round(vehicle.step_s * 1e6))
+        slow = self.profile.imu_stream_hz == 50 or self.fault("imu-50hz")
+        for i, steps in enumerate(self._split[odd]):
             ax, ay, az, gx, gy, gz = vehicle.advance(steps, demand)
-            t_us += steps * 2000
+            t_us += steps * step_us
             e = errors[i]
             sample = Inertial(t_us, ax + e[0], ay + e[1], az + e[2], gx + e[3], gy + e[4], gz + e[5])
             while self._pending and self._pending[0][0] <= t_us:
                 self._pending.popleft()[1]()
-            demand = autopilot.imu(t_us, steps * PHYSICS_STEP_S, *sample[1:])
-            if i in _ATTITUDE[odd]:
+            demand = autopilot.imu(t_us, steps * vehicle.step_s, *sample[1:])
+            if self.external is not None:
+                if t_us % EXTERNAL_POSE_US == 0:
+                    self._poses.append(self._pose_row(t_us * 1e-6))
+            elif i in _ATTITUDE[odd]:
                 a = autopilot.estimator
                 attitudes.append(AttitudeOut(t_us, a.qw, a.qx, a.qy, a.qz, a.wx, a.wy, a.wz))
                 samples.append(sample)
             elif not slow:
                 samples.append(sample)
-            self._poses.append(self._pose_row(t_us * 1e-6))
+            if self.external is None:
+                self._poses.append(self._pose_row(t_us * 1e-6))
             if vehicle.data.ncon:
                 self._contacts(t_us)
             if t_us == exposure_us:
@@ -280,7 +289,7 @@ class Simulation:
         messages = [(int(s), text) for s, text in autopilot.messages]
         autopilot.messages.clear()
         up, down = self._ranges()
-        scan = None if self._fault("lidar-cut") else self._scan(end_us * 1e-6)
+        scan = None if self.fault("lidar-cut") else self._scan(end_us * 1e-6)
         data = TickData(end_us, samples, attitudes, self.magnetometer.measure(vehicle.position_m, vehicle.attitude), up, down, scan,
                         local, messages, self._truth(end_us * 1e-6), image, self.barometer.measure(end_us * 1e-6, vehicle.position_m[2]))
         self._judge(data.truth, end_us)

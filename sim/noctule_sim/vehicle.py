@@ -53,11 +53,13 @@ class Vehicle:
     Args:
         world: the building.
         airframe: constants.
+        step_s: of the physics.
     """
 
-    def __init__(self, world: World, airframe: Airframe):
+    def __init__(self, world: World, airframe: Airframe, step_s: float = PHYSICS_STEP_S):
         self.airframe = airframe
-        self.model = mujoco.MjModel.from_xml_string(model_xml(world, airframe))
+        self.step_s = step_s
+        self.model = mujoco.MjModel.from_xml_string(model_xml(world, airframe, step_s))
         self.data = mujoco.MjData(self.model)
         s = world.start
         self.data.qpos[:] = (s.x_m, s.y_m, s.z_m + airframe.rest_height_m, math.cos(s.yaw_rad / 2), 0.0, 0.0, math.sin(s.yaw_rad / 2))
@@ -89,7 +91,7 @@ class Vehicle:
         a = self.airframe
         keep = self._lag.get(steps)
         if keep is None:
-            keep = self._lag[steps] = math.exp(-steps * PHYSICS_STEP_S / a.motor_lag_s)
+            keep = self._lag[steps] = math.exp(-steps * self.step_s / a.motor_lag_s)
         speed = self.rotor_speed_rad_s
         top = a.rotor_speed_max_rad_s
         k = a.rotor_thrust_max_n / (top * top)
@@ -117,7 +119,7 @@ class Vehicle:
         self.position_m = self._qpos[0:3].tolist()
         q = self._qpos[3:7].tolist()
         v = self._qvel[0:3].tolist()
-        span = steps * PHYSICS_STEP_S
+        span = steps * self.step_s
         # Mean rate: the rotation from the old attitude to the new one, equation (5).
         w1, x1, y1, z1 = q
         dw = w * w1 + x * x1 + y * y1 + z * z1
@@ -174,7 +176,7 @@ def _numbers(values) -> str:
     return " ".join(f"{v:.9g}" for v in values)
 
 
-def model_xml(world: World, airframe: Airframe) -> str:
+def model_xml(world: World, airframe: Airframe, step_s: float = PHYSICS_STEP_S) -> str:
     """MJCF text: the world's primitives as fixed geoms, the vehicle as one free body with four rotors and a camera.
 
     Geoms of the world are in group 0, those of the vehicle in group 3 (its own camera does not show them).
@@ -215,7 +217,7 @@ def model_xml(world: World, airframe: Airframe) -> str:
     motors = "".join(f'<general site="rotor{i}" gear="0 0 1 0 0 {a.rotor_torque[i] * a.rotor_torque_per_thrust_m:.9g}"/>' for i in range(4))
     drag = "".join(f'<general site="centre" gear="{axis} 0 0 0"/>' for axis in ("1 0 0", "0 1 0", "0 0 1"))
     return f"""<mujoco model="noctule">
-<option timestep="{PHYSICS_STEP_S}" gravity="0 0 {-GRAVITY_M_S2}" integrator="Euler"/>
+<option timestep="{step_s}" gravity="0 0 {-GRAVITY_M_S2}" integrator="Euler"/>
 <size memory="8M"/>
 <visual>
   <global offwidth="320" offheight="240"/><quality offsamples="0" shadowsize="0"/><map znear="0.01" zfar="60"/>
