@@ -9,7 +9,7 @@ Frames on both interfaces: north-east-down with north along World's x, body forw
 
 from __future__ import annotations
 
-import json
+import abc
 import math
 import socket
 import struct
@@ -47,11 +47,11 @@ def pressure_hpa(height_m: float) -> float:
     return STANDARD_PRESSURE_HPA * (1.0 - 2.25577e-5 * height_m) ** 5.25588
 
 
-class External:
+class External(abc.ABC):
     """What Simulation needs of an autopilot, from a real one.
 
     Subclasses give `physics_step_s`, `split` (physics steps of each inertial sample of a tick, for even and odd ticks), `flavour`,
-    `open()`, `exchange()`, `ranges()`.
+    `connect()`, `exchange()`, `ranges()`.
 
     Attributes as those of autopilot.Autopilot: armed, landed, battery, messages, estimator, rotors, name().
     """
@@ -90,31 +90,37 @@ class External:
         self.on_time(t_us)
         return self.rotors
 
+    @abc.abstractmethod
+    def connect(self, alive: Callable[[], str | None]) -> None:
+        """Wait for the autopilot's program. alive() says in a line what has gone wrong with it, or None.
+
+        Raises:
+            AutopilotGone: it does not come.
+        """
+
+    @abc.abstractmethod
     def exchange(self, t_us: int, force_m_s2, rate_rad_s) -> list[float]:
         """The autopilot's answer to one inertial sample, frame Body: shares of the greatest thrust (4,)."""
-        raise NotImplementedError
 
+    @abc.abstractmethod
     def ranges(self, tick, link: Passage) -> None:
         """Hand over what the range finders measured in a tick."""
-        raise NotImplementedError
 
     def close(self) -> None:
         """Give the ports back."""
 
 
-def distance(t_ms: int, range_m: float, orientation: int, number: int, profile):
-    """DISTANCE_SENSOR of one reading; out of range: beyond the greatest range."""
-    low, high = int(round(profile.range_min_m * 100)), int(round(profile.range_max_m * 100))
-    current = high + 1 if math.isnan(range_m) else int(math.floor(range_m * 100 + 0.5))
-    return mav.MAVLink_distance_sensor_message(
-        t_ms, low, high, current, mav.MAV_DISTANCE_SENSOR_LASER, number, orientation, 255, 0.0, 0.0, [0.0] * 4, 0 if math.isnan(range_m) else 100)
-
-
 def both_ranges(tick, profile) -> list:
-    """DISTANCE_SENSOR of the lower and the upper range finder; a reading that dropped out is not sent, as a real sensor would not."""
-    t_ms = tick.t_us // 1000
-    pairs = ((tick.range_down_m, mav.MAV_SENSOR_ROTATION_PITCH_270, 0), (tick.range_up_m, mav.MAV_SENSOR_ROTATION_PITCH_90, 1))
-    return [distance(t_ms, r, orientation, n, profile) for r, orientation, n in pairs if not math.isnan(r)]
+    """DISTANCE_SENSOR of the lower and the upper range finder. No reading: 0 cm, less than the least range, quality 1 (invalid); a
+    sensor that fell silent on the ground would forbid arming."""
+    low, high = int(round(profile.range_min_m * 100)), int(round(profile.range_max_m * 100))
+    out = []
+    for number, orientation, r in ((0, mav.MAV_SENSOR_ROTATION_PITCH_270, tick.range_down_m), (1, mav.MAV_SENSOR_ROTATION_PITCH_90, tick.range_up_m)):
+        known = not math.isnan(r)
+        out.append(mav.MAVLink_distance_sensor_message(
+            tick.t_us // 1000, low, high, int(math.floor(r * 100 + 0.5)) if known else 0, mav.MAV_DISTANCE_SENSOR_LASER, number, orientation, 255,
+            0.0, 0.0, [0.0] * 4, 100 if known else 1))
+    return out
 
 
 # ---------------------------------------------------------------- ArduPilot
@@ -178,11 +184,6 @@ class Ardupilot(External):
         self._socket.close()
 
     def connect(self, alive: Callable[[], str | None]) -> None:
-        """Wait until it asks for the physics. alive() says in a line what has gone wrong, or None.
-
-        Raises:
-            AutopilotGone: it does not.
-        """
         self._receive(START_PATIENCE_S, alive, f"nothing on UDP port {self.port}")
 
     def exchange(self, t_us: int, force_m_s2, rate_rad_s) -> list[float]:
@@ -210,8 +211,6 @@ class Ardupilot(External):
             if self._peer is not None and count <= self._count:
                 # It asks again for what it missed, after a second of silence; what crossed on the way is old.
                 self.repeats += 1
-                if self._sent and count == self._count:
-                    continue
                 continue
             self._peer, self._count = peer, count
             self.answers += 1
@@ -268,11 +267,6 @@ class Px4(External):
             self._stream.close()
 
     def connect(self, alive: Callable[[], str | None]) -> None:
-        """Wait until it connects. alive() says in a line what has gone wrong, or None.
-
-        Raises:
-            AutopilotGone: it does not.
-        """
         end = time.monotonic() + START_PATIENCE_S
         self._server.settimeout(0.5)
         while not self.stop():
