@@ -4,6 +4,8 @@
 #include <cmath>
 #include <limits>
 
+#include "plan/fence.hpp"
+
 namespace noctule {
 
 namespace {
@@ -11,10 +13,12 @@ namespace {
 constexpr float kReachM = 1.6F;         ///< hit points farther than this cannot matter within a step
 constexpr float kBlindReachM = 1.0F;    ///< in the sector that the laser does not see the grid's hits stand in
 constexpr float kForesightS = 0.4F;     ///< motion this far ahead must stay clear
+constexpr float kPushedM = 0.001F;      ///< from which a push takes the velocity against it away
 constexpr float kNotableM = 0.01F;      ///< smaller changes do not count as interventions
 constexpr float kMaxGapS = 0.2F;
 constexpr float kStepSlackM = 0.02F;
 constexpr int kPushRounds = 10;
+constexpr int kFenceRounds = 12;        ///< halvings: to 1/4096 of a setpoint's step
 
 bool finite(const Setpoint& s) {
     return std::isfinite(s.x_m) && std::isfinite(s.y_m) && std::isfinite(s.z_m) && std::isfinite(s.vx_m_s) && std::isfinite(s.vy_m_s) &&
@@ -115,6 +119,13 @@ bool Guard::keep_clear(const Estimate& estimate, const float dt_s) {
     }
     const float moved = std::hypot(out_.x_m - x0, out_.y_m - y0);
     if (moved > kNotableM) { acted = true; }
+    if (moved > kPushedM) {  // the velocity must not lead back: a vehicle settles where position and feed-forward balance
+        const float back = (out_.vx_m_s * (out_.x_m - x0) + out_.vy_m_s * (out_.y_m - y0)) / moved;
+        if (back < 0.0F) {
+            out_.vx_m_s -= back * (out_.x_m - x0) / moved;
+            out_.vy_m_s -= back * (out_.y_m - y0) / moved;
+        }
+    }
     // Velocity towards a point that the motion of the next moment would reach: that component is taken out.
     const float px = out_.x_m + kForesightS * out_.vx_m_s;
     const float py = out_.y_m + kForesightS * out_.vy_m_s;
@@ -132,6 +143,39 @@ bool Guard::keep_clear(const Estimate& estimate, const float dt_s) {
         }
     }
     return acted;
+}
+
+// Outside the fence: back along the line to the last setpoint, or to the vehicle, whichever is inside, up to where the fence is met.
+// Nothing inside (a fence drawn anew in flight): only what leads farther in is let through.
+bool Guard::keep_inside(const Pose2<Map, Body>& pose) {
+    const Fence fence{p_};
+    const float depth = fence.depth_m(out_.x_m, out_.y_m);
+    if (depth >= 0.0F && out_.z_m <= p_.fence_height_m) { return false; }
+    if (depth < 0.0F) {
+        const bool last_inside = last_.valid && fence.depth_m(last_.x_m, last_.y_m) >= 0.0F;
+        const float x0 = last_inside ? last_.x_m : pose.x_m;
+        const float y0 = last_inside ? last_.y_m : pose.y_m;
+        if (last_inside || fence.depth_m(x0, y0) >= 0.0F) {
+            float in = 0.0F;
+            float out = 1.0F;
+            for (int k = 0; k < kFenceRounds; ++k) {
+                const float f = 0.5F * (in + out);
+                (fence.depth_m(x0 + f * (out_.x_m - x0), y0 + f * (out_.y_m - y0)) >= 0.0F ? in : out) = f;
+            }
+            out_.x_m = x0 + in * (out_.x_m - x0);
+            out_.y_m = y0 + in * (out_.y_m - y0);
+            out_.vx_m_s = out_.vy_m_s = 0.0F;
+        } else if (last_.valid && depth < fence.depth_m(last_.x_m, last_.y_m)) {
+            out_.x_m = last_.x_m;
+            out_.y_m = last_.y_m;
+            out_.vx_m_s = out_.vy_m_s = 0.0F;
+        }
+    }
+    if (out_.z_m > p_.fence_height_m) {
+        out_.z_m = p_.fence_height_m;
+        out_.vz_m_s = std::min(out_.vz_m_s, 0.0F);
+    }
+    return true;
 }
 
 const Setpoint& Guard::decide(const Estimate& estimate, const LevelScan& scan, const OccupancyGrid& grid, const Setpoint& wanted,
@@ -164,16 +208,7 @@ const Setpoint& Guard::decide(const Estimate& estimate, const LevelScan& scan, c
         out_.yaw_rad = last_.yaw_rad;
         out_.vx_m_s = out_.vy_m_s = 0.0F;
     }
-    const float from_start = std::hypot(out_.x_m, out_.y_m);
-    if (from_start > p_.fence_radius_m || out_.z_m > p_.fence_height_m) {
-        note(GuardRule::fence);
-        const float f = std::min(1.0F, p_.fence_radius_m / std::max(from_start, 1e-3F));
-        out_.x_m *= f;
-        out_.y_m *= f;
-        out_.z_m = std::min(out_.z_m, p_.fence_height_m);
-        out_.vx_m_s = out_.vy_m_s = 0.0F;
-        out_.vz_m_s = std::min(out_.vz_m_s, 0.0F);
-    }
+    if (keep_inside(pose)) { note(GuardRule::fence); }
     if (!lost) {
         const float lead = std::hypot(out_.x_m - pose.x_m, out_.y_m - pose.y_m);
         const float most = p_.setpoint_ahead_s * p_.speed_max_m_s;

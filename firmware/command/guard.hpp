@@ -46,6 +46,7 @@ private:
     void gather(const Estimate& estimate, const LevelScan& scan, const OccupancyGrid& grid);
     [[nodiscard]] float nearest_m(float x_m, float y_m, float& at_x_m, float& at_y_m) const;
     bool keep_clear(const Estimate& estimate, float dt_s);
+    bool keep_inside(const Pose2<Map, Body>& pose);
     void note(GuardRule rule);
 
     const Parameters& p_;

@@ -42,6 +42,7 @@ const char* reason_text(const std::int32_t reason) {
         case StateReason::frames_disagree: return "autopilot's position differs";
         case StateReason::home_unreachable: return "no way home";
         case StateReason::not_ready: return "not ready";
+        case StateReason::no_progress: return "nothing new for long";
     }
     return "unknown";
 }

@@ -92,9 +92,12 @@ bool FrontierSearch::is_frontier(const OccupancyGrid& grid, const CellId id) {
 
 void FrontierSearch::scan_tile(const OccupancyGrid& grid, const std::int32_t slot) {
     if (!grid.on_floor(slot)) { return; }
+    const Fence fence{p_};
     for (std::int32_t k = 0; k < kTileArea; ++k) {
         const CellId id = slot * kTileArea + k;
         if (!is_frontier(grid, id)) { continue; }
+        const Cell c = grid.cell(id);
+        if (fence.depth_m(grid.geometry().centre_x_m(c), grid.geometry().centre_y_m(c)) < 0.0F) { continue; }
         if (!cells_.push(id)) { return; }
         mark(id, true);
     }

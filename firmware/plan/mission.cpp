@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "plan/fence.hpp"
+
 namespace noctule {
 
 namespace {
@@ -17,6 +19,7 @@ constexpr std::uint32_t kOut = bit(MissionState::looking_around) | bit(MissionSt
 constexpr std::int64_t kVehicleStaleUs = 2000000;
 constexpr std::int64_t kSettledUs = 500000;     ///< a height or place must hold this long to count as reached
 constexpr std::int64_t kNoWayUs = 10000000;     ///< no known way home for this long: land where it is
+constexpr float kLearnedM2 = 0.2F;              ///< growth of the known area that counts as progress
 constexpr float kHeightToleranceM = 0.12F;
 constexpr float kSlowM_S = 0.15F;
 constexpr float kLookAheadRad = 0.7F;           ///< the turn in place keeps its heading this far ahead
@@ -39,6 +42,7 @@ struct Mission::Now {
     bool no_way = false;
     bool looked = false;
     bool finished = false;
+    bool no_progress = false;
     bool timed_out = false;
     bool ready = false;
     Order order = Order::none;
@@ -56,7 +60,7 @@ using S = MissionState;
 using R = StateReason;
 }  // namespace
 
-Mission::Mission(const Parameters& parameters) : p_(parameters), explorer_(parameters) {}
+Mission::Mission(const Parameters& parameters) : p_(parameters), explorer_(parameters), energy_(parameters) {}
 
 bool Mission::goal(float& x_m, float& y_m) const {
     if (!explorer_.has_goal() || (state_ != S::exploring && state_ != S::returning_home)) { return false; }
@@ -85,12 +89,33 @@ void Mission::watch(const Estimate& estimate, const VehicleSample& vehicle, cons
     const Pose2<Map, Body>& pose = estimate.planar.pose_map_body;
     const bool offset = heard && localised_ && vehicle.local_position_valid &&
                         std::hypot(vehicle.local_map_m[0] - pose.x_m, vehicle.local_map_m[1] - pose.y_m) > p_.frame_offset_max_m;
-    since(estimate.planar.quality >= p_.ready_quality && estimate.altitude.valid && heard && !offset, good_since_us_);
+    const bool inside = Fence{p_}.depth_m(pose.x_m, pose.y_m) >= kFenceInsetM;
+    since(estimate.planar.quality >= p_.ready_quality && estimate.altitude.valid && heard && !offset && inside, good_since_us_);
     since(!localised_, lost_since_us_);
     since(!estimate.altitude.valid, height_lost_since_us_);
     since(offset, offset_since_us_);
     ready_ = (state_ == S::waiting || state_ == S::landed || state_ == S::aborted) && good_since_us_ >= 0 &&
              static_cast<float>(t_us - good_since_us_) >= 1e6F * p_.ready_time_s && !vehicle.mission_lost;
+}
+
+// What the flight costs, how far home is, and whether the map still grows.
+void Mission::account(const Estimate& estimate, const OccupancyGrid& grid, const VehicleSample& vehicle) {
+    if ((kFlying & bit(state_)) == 0U) { return; }
+    const Pose2<Map, Body>& pose = estimate.planar.pose_map_body;
+    if (airborne_ || state_ != S::taking_off) {
+        energy_.step(vehicle.battery_remaining, std::hypot(estimate.planar.vx_m_s, estimate.planar.vy_m_s), t_us_);
+    }
+    if (localised_) { trail_.step(grid, pose.x_m, pose.y_m); }
+    if (state_ != S::exploring || grid.known_area_m2() > learned_m2_ + kLearnedM2) {
+        learned_m2_ = grid.known_area_m2();
+        learned_us_ = t_us_;
+    }
+}
+
+// Crossing what is known from one end to the other is the most that a flight to the next new thing can take.
+bool Mission::gets_nowhere() const {
+    const float limit_s = p_.progress_time_s + 2.0F * trail_.longest_m() / std::max(energy_.cruise_m_s(), 0.1F);
+    return state_ == S::exploring && static_cast<float>(t_us_ - learned_us_) > 1e6F * limit_s;
 }
 
 void Mission::enter(const MissionState next, const StateReason why, const Pose2<Map, Body>& last_setpoint) {
@@ -128,6 +153,7 @@ const Target& Mission::advance(const Estimate& estimate, const OccupancyGrid& gr
     const Pose2<Map, Body>& pose = estimate.planar.pose_map_body;
     if (localised_ || estimate.planar.quality >= 0) { explorer_.observe(grid, pose, t_us); }
     watch(estimate, vehicle, t_us);
+    account(estimate, grid, vehicle);
 
     const auto lasted = [t_us](const std::int64_t since_us, const float seconds) {
         return since_us >= 0 && static_cast<float>(t_us - since_us) >= 1e6F * seconds;
@@ -140,10 +166,11 @@ const Target& Mission::advance(const Estimate& estimate, const OccupancyGrid& gr
     now.lost_long = lasted(lost_since_us_, p_.lost_land_s);
     now.height_lost = lasted(height_lost_since_us_, p_.lost_land_s);
     now.offset = lasted(offset_since_us_, p_.frame_offset_time_s);
-    now.battery_low = vehicle.battery_remaining >= 0.0F && vehicle.battery_remaining < p_.battery_return;
+    now.battery_low = energy_.must_return(trail_.way_home_m());
     now.ready = ready_;
     now.order = pending_;
     now.finished = explorer_.finished();
+    now.no_progress = gets_nowhere();
     now.looked = turned_rad_ >= p_.look_around_rad;
     now.timed_out = airborne_ && lasted(entered_us_, p_.takeoff_time_s);
     const float speed_m_s = std::hypot(estimate.planar.vx_m_s, estimate.planar.vy_m_s);
@@ -185,6 +212,7 @@ const Target& Mission::advance(const Estimate& estimate, const OccupancyGrid& gr
         {bit(S::taking_off), [](const Now& n) { return n.timed_out; }, S::landing, R::takeoff_timed_out},
         {bit(S::looking_around), [](const Now& n) { return n.looked; }, S::exploring, R::looked_around},
         {bit(S::exploring), [](const Now& n) { return n.finished; }, S::returning_home, R::nothing_left},
+        {bit(S::exploring), [](const Now& n) { return n.no_progress; }, S::returning_home, R::no_progress},
         {bit(S::returning_home), [](const Now& n) { return n.at_home; }, S::landing, R::at_home},
         {bit(S::returning_home), [](const Now& n) { return n.no_way; }, S::landing, R::home_unreachable},
     };
@@ -205,6 +233,8 @@ const Target& Mission::advance(const Estimate& estimate, const OccupancyGrid& gr
         anchor_ = pose;
         target_.yaw_rad = pose.yaw_rad;
         explorer_.begin(home_);
+        energy_.begin();
+        trail_.begin(grid, home_.x_m, home_.y_m);
     }
     if (changed && state_ == S::landing && reason_ == R::at_home) {
         anchor_.x_m = home_.x_m;

@@ -10,8 +10,10 @@
 #include "estimate/estimate.hpp"
 #include "map/occupancy_grid.hpp"
 #include "params.gen.hpp"
+#include "plan/energy.hpp"
 #include "plan/explorer.hpp"
 #include "plan/target.hpp"
+#include "plan/trail.hpp"
 #include "sense/samples.hpp"
 
 namespace noctule {
@@ -51,6 +53,7 @@ enum class StateReason : std::int32_t {
     frames_disagree = 17,     ///< the autopilot's position and ours differ lastingly
     home_unreachable = 18,    ///< no known way home for a stated time: landing where it is
     not_ready = 19,           ///< a start was ordered and refused
+    no_progress = 21,         ///< exploring showed nothing new for longer than the known map can explain
 };
 
 class Mission {
@@ -76,6 +79,8 @@ public:
     [[nodiscard]] bool goal(float& x_m, float& y_m) const;
     [[nodiscard]] const Explorer& explorer() const { return explorer_; }
     [[nodiscard]] const Pose2<Map, Body>& home() const { return home_; }
+    [[nodiscard]] const Energy& energy() const { return energy_; }
+    [[nodiscard]] const Trail& trail() const { return trail_; }
 
 private:
     friend struct MissionRow;
@@ -85,12 +90,18 @@ private:
     const Target& advance(const Estimate& estimate, const OccupancyGrid& grid, const VehicleSample& vehicle,
                           const Pose2<Map, Body>& last_setpoint, std::int64_t t_us);
     void watch(const Estimate& estimate, const VehicleSample& vehicle, std::int64_t t_us);
+    void account(const Estimate& estimate, const OccupancyGrid& grid, const VehicleSample& vehicle);
+    [[nodiscard]] bool gets_nowhere() const;
     void enter(MissionState next, StateReason why, const Pose2<Map, Body>& last_setpoint);
     void aim(const Estimate& estimate, const OccupancyGrid& grid, const Pose2<Map, Body>& last_setpoint);
     [[nodiscard]] float height_wanted_m(const Estimate& estimate) const;
 
     const Parameters& p_;
     Explorer explorer_;
+    Energy energy_;
+    Trail trail_;
+    float learned_m2_ = 0.0F;          ///< known area when something new was learned last
+    std::int64_t learned_us_ = 0;
     Target target_;
     MissionState state_ = MissionState::waiting;
     MissionState paused_from_ = MissionState::waiting;

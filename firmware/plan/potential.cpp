@@ -16,6 +16,9 @@ constexpr float kDiagonal = 2.5138800F;
 constexpr float kNatsPerUnit = kStraight / static_cast<float>(CostField::kUnit);
 constexpr float kNegligible = 12.0F;   ///< a neighbour this many nats behind adds nothing in float
 constexpr std::int32_t kSmoothRounds = 12;
+constexpr float kSoftPush = 0.2F;      ///< share of what is lacking to the clearance wanted that a round pushes a point away
+constexpr float kHardPush = 0.5F;      ///< and of what is lacking to hull and kRoomM: more than the band pulls back round a corner
+constexpr float kRoomM = 0.18F;
 constexpr float kLongestM = 3.0F;      ///< of the path ahead: twice what stopping from full speed needs
 
 }  // namespace
@@ -163,7 +166,7 @@ void Potential::smooth(const OccupancyGrid& grid, Bounded<PathPoint, kMaxPathPoi
             float hit_y = 0.0F;
             const float clear_m = grid.clearance_m(x_m, y_m, wanted_m, &hit_x, &hit_y);
             if (clear_m < wanted_m && clear_m > 1e-3F) {
-                const float push = 0.2F * (wanted_m - clear_m) / clear_m;
+                const float push = (kSoftPush * (wanted_m - clear_m) + kHardPush * std::max(0.0F, p_.hull_radius_m + kRoomM - clear_m)) / clear_m;
                 x_m += push * (x_m - hit_x);
                 y_m += push * (y_m - hit_y);
             }

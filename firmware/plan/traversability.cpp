@@ -16,7 +16,7 @@ constexpr float kUnknownCells = 2.5F;         ///< an unknown cell whose centre 
 
 }  // namespace
 
-Traversability::Traversability(const Parameters& parameters) : p_(parameters) { load_parameters(); }
+Traversability::Traversability(const Parameters& parameters) : p_(parameters), fence_(parameters) { load_parameters(); }
 
 void Traversability::reset() {
     for (auto& tile : value_) { tile.fill(0); }
@@ -26,7 +26,18 @@ void Traversability::reset() {
     next_tile_ = 0;
 }
 
+// Only the number that was taken up is changed: the blocks are found stale in turn, those near the vehicle first.
+void Traversability::mark_all_stale() {
+    for (auto& tile : seen_) {
+        for (std::uint16_t& version : tile) { --version; }
+    }
+}
+
 void Traversability::load_parameters() {
+    if (const Fence fence{p_}; !(fence == fence_)) {
+        fence_ = fence;
+        mark_all_stale();
+    }
     need_cm_ = std::clamp(static_cast<std::int32_t>(std::lround(100.0F * (p_.hull_radius_m + p_.plan_margin_m))), 1, kCapCm);
     for (std::int32_t k = 0; k <= kCapCm; ++k) {
         slowness_[static_cast<std::size_t>(k)] = p_.speed_max_m_s / speed_at_clearance_m_s(p_, 0.01F * static_cast<float>(k));
@@ -155,14 +166,15 @@ void Traversability::compute(const OccupancyGrid& grid, const std::int32_t block
             if (cells[static_cast<std::size_t>(at)] == CellClass::free) {
                 const float x_m = grid.geometry().centre_x_m({x0 + i, 0});
                 const float y_m = grid.geometry().centre_y_m({0, y0 + j});
+                const bool inside = fence_.depth_m(x_m, y_m) >= kFenceInsetM;
                 float best = cap_m * cap_m;
                 for (std::size_t k = 0; k < hits; ++k) {
                     const float dx = hit_x[k] - x_m;
                     const float dy = hit_y[k] - y_m;
                     best = std::min(best, dx * dx + dy * dy);
                 }
-                result = static_cast<std::uint8_t>(std::clamp(static_cast<std::int32_t>(100.0F * std::sqrt(best)), 1, kCapCm));
-                if (any_unknown) {
+                result = inside ? static_cast<std::uint8_t>(std::clamp(static_cast<std::int32_t>(100.0F * std::sqrt(best)), 1, kCapCm)) : std::uint8_t{0};
+                if (any_unknown && inside) {
                     for (std::int32_t dy = -kReach; dy <= kReach; ++dy) {
                         for (std::int32_t dx = -kReach; dx <= kReach; ++dx) {
                             const auto d2 = static_cast<float>(dx * dx + dy * dy);

@@ -1,7 +1,7 @@
 /// Where the hull fits: per cell the distance to the nearest hit point, kept up to date block by block.
 ///
 /// A free cell is passable when no hit point is nearer to its centre than the hull radius and a margin, and no unknown cell
-/// lies under the hull. Distances are measured to hit points, not to squares of cells: docs/maths/grid.md, "clearance".
+/// lies under the hull, and the place is inside the fence. Distances are measured to hit points, not to squares of cells: docs/maths/grid.md, "clearance".
 /// Recomputed in blocks of 8 x 8 cells whose neighbourhood changed: blocks near the vehicle at once, the others in turn,
 /// a bounded number a step. No heap.
 #pragma once
@@ -11,6 +11,7 @@
 
 #include "core/capacity.hpp"
 #include "map/occupancy_grid.hpp"
+#include "plan/fence.hpp"
 #include "params.gen.hpp"
 
 namespace noctule {
@@ -27,7 +28,7 @@ public:
 
     static constexpr std::int32_t kCapCm = 80;   ///< distances are known up to here
 
-    /// Distance of a free cell's centre to the nearest hit [cm], at most kCapCm; 0: not free.
+    /// Distance of a free cell's centre to the nearest hit [cm], at most kCapCm; 0: not free, or outside the fence.
     [[nodiscard]] std::int32_t clearance_cm(const CellId id) const { return id == kNoCell ? 0 : value(id) & 0x7F; }
     /// True: hull and margin fit, and nothing unknown is under the hull.
     [[nodiscard]] bool passable(const CellId id) const { return id != kNoCell && value(id) >= need_cm_ && value(id) < 0x80; }
@@ -46,6 +47,7 @@ private:
         return value_[static_cast<std::size_t>(id >> 12)][static_cast<std::size_t>(id & 4095)];
     }
     void load_parameters();
+    void mark_all_stale();
     void look_for_changes(const OccupancyGrid& grid, std::int32_t slot);
     void enqueue(std::int32_t block);
     void compute(const OccupancyGrid& grid, std::int32_t block);
@@ -59,6 +61,7 @@ private:
     std::size_t queue_size_ = 0;
     std::array<float, kCapCm + 1> slowness_{};
     std::int32_t need_cm_ = 33;
+    Fence fence_;
     std::int32_t next_tile_ = 0;
     std::uint32_t blocks_done_ = 0;
 };

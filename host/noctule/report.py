@@ -20,7 +20,7 @@ RETURNING, LANDING, LANDED, ABORTED = 4, 5, 6, 7
 REASONS = {5: "return was ordered", 6: "landing was ordered", 7: "abort was ordered", 8: "pause was ordered",
            12: "the pilot or a failsafe took over", 13: "localisation was lost", 14: "height was lost",
            15: "take-off took too long", 16: "the battery was low", 17: "the autopilot's position and ours disagreed",
-           18: "no way home was known", 19: "a start was refused"}   # values of plan/mission.hpp
+           18: "no way home was known", 19: "a start was refused", 21: "nothing new was found for long"}   # values of plan/mission.hpp
 NOTHING_LEFT = 4
 STEP_S = 0.05
 GROUND_HEIGHT_M = 0.10       # nearer than this to the resting height counts as on the ground

@@ -21,7 +21,8 @@ from .vehicle import PHYSICS_STEP_S, Airframe, Vehicle, quaternion_to_euler
 from .world import World
 
 TICK_US = 50_000
-FAULTS = ("odometry-cut", "setpoint-cut", "lidar-cut", "imu-50hz")
+FAULTS = ("odometry-cut", "setpoint-cut", "lidar-cut", "imu-50hz", "battery-drain")
+DRAIN_PER_S = 1.0 / 150.0  # share of the battery that a drain takes beside what flying takes
 SETTLE_S = 1.0            # the simulation goes on for this long after landing and disarming
 CONTACT_GAP_S = 0.5       # contacts closer than this are one collision
 LOW_M = 0.5               # nearer to the floor than this, take-off and landing are told from a low pass
@@ -252,6 +253,8 @@ class Simulation:
         t_us = self.ticks * TICK_US
         end_us = t_us + TICK_US
         vehicle, autopilot = self.vehicle, self.autopilot
+        if t_us >= self.faults.get("battery-drain", math.inf):
+            autopilot.battery = max(0.0, autopilot.battery - DRAIN_PER_S * TICK_US * 1e-6)
         errors = self.imu.errors(self._spans[odd])
         demand = autopilot.rotors
         samples: list[Inertial] = []

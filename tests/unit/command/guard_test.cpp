@@ -112,6 +112,21 @@ void the_fence_holds() {
     TEST_ASSERT_EQUAL(GuardRule::fence, d->guard.rule());
 }
 
+void a_fence_drawn_anew_round_nothing_lets_only_inwards() {
+    const auto d = std::make_unique<Desk>();
+    static_cast<void>(d->decide(Desk::go(0.0F, 0.0F)));
+    d->p.fence_corners = 3;                                       // GIVEN a triangle that the vehicle is 1 m outside of
+    d->p.fence_1_x_m = 1.0F;
+    d->p.fence_1_y_m = -5.0F;
+    d->p.fence_2_x_m = 9.0F;
+    d->p.fence_2_y_m = 0.0F;
+    d->p.fence_3_x_m = 1.0F;
+    d->p.fence_3_y_m = 5.0F;
+    TEST_ASSERT_EQUAL_FLOAT(0.0F, d->decide(Desk::go(-0.05F, 0.0F)).x_m);   // THEN farther out is refused
+    TEST_ASSERT_EQUAL(GuardRule::fence, d->guard.rule());
+    TEST_ASSERT_EQUAL_FLOAT(0.05F, d->decide(Desk::go(0.05F, 0.0F)).x_m);   // AND farther in is let through
+}
+
 void jumps_and_leads_are_cut() {
     const auto d = std::make_unique<Desk>();
     static_cast<void>(d->decide(Desk::go(0.0F, 0.0F)));
@@ -208,6 +223,7 @@ int main() {
     RUN_TEST(a_setpoint_that_is_no_number_is_replaced_by_the_last_good_one);
     RUN_TEST(stale_scans_and_lost_localisation_stop_horizontal_motion);
     RUN_TEST(the_fence_holds);
+    RUN_TEST(a_fence_drawn_anew_round_nothing_lets_only_inwards);
     RUN_TEST(jumps_and_leads_are_cut);
     RUN_TEST(it_stops_before_a_wall_whatever_is_wanted);
     RUN_TEST(it_backs_away_from_what_is_inside_its_margin);

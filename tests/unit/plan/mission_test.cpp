@@ -263,6 +263,7 @@ void orders_are_obeyed() {
 
 void a_vehicle_that_is_held_back_gives_up_goal_by_goal_and_then_lands() {
     const auto d = std::make_unique<Desk>();
+    d->p.progress_time_s = 3600.0F;                  // the mission's own patience does not end it first
     d->explore_hall();                               // half of a hall unknown, and the vehicle does not follow its setpoints
     d->steps(20 * 20);
     TEST_ASSERT_TRUE(d->mission.explorer().counters().stuck > 0U);
@@ -272,6 +273,40 @@ void a_vehicle_that_is_held_back_gives_up_goal_by_goal_and_then_lands() {
     d->last.x_m = 1.0F;
     for (int k = 0; k < 20 * 40 && d->mission.state() == MissionState::returning_home; ++k) { d->step(); }
     expect(*d, MissionState::landing, StateReason::home_unreachable);
+}
+
+void exploring_without_learning_anything_ends_and_says_so() {
+    const auto d = std::make_unique<Desk>();
+    d->p.progress_time_s = 10.0F;
+    d->explore_hall();
+    d->steps(20 * 9);
+    TEST_ASSERT_EQUAL(MissionState::exploring, d->mission.state());
+    d->look_hall();                                  // something new: cells at the walls firm up
+    LevelScan scan;
+    std::mt19937 rng(2);
+    test::FlatWorld open;
+    open.add_wall(-9.0, -30.0, -9.0, 30.0);
+    Estimate e = d->estimate;
+    e.planar.pose_map_body.yaw_rad = 3.14F;
+    test::sweep(open, 0.0, 0.0, 3.14, 10.0, 0.0, rng, scan);
+    for (int k = 0; k < 8; ++k) { d->grid.integrate(e, scan); }
+    d->steps(20 * 9);                                // the clock began anew
+    TEST_ASSERT_EQUAL(MissionState::exploring, d->mission.state());
+    for (int k = 0; k < 20 * 4 && d->mission.state() == MissionState::exploring; ++k) { d->step(); }
+    expect(*d, MissionState::returning_home, StateReason::no_progress);
+}
+
+void a_start_outside_the_fence_is_refused() {
+    const auto d = std::make_unique<Desk>();
+    d->p.fence_back_m = 0.5F;
+    d->estimate.planar.pose_map_body.x_m = -0.6F;
+    d->steps(40);
+    d->step(Order::start);
+    expect(*d, MissionState::waiting, StateReason::not_ready);
+    d->p.fence_back_m = 2.0F;
+    d->steps(40);
+    d->step(Order::start);
+    expect(*d, MissionState::taking_off, StateReason::start_ordered);
 }
 
 void the_height_keeps_clear_of_ceiling_and_furniture() {
@@ -302,6 +337,8 @@ int main() {
     RUN_TEST(each_bad_news_has_its_end);
     RUN_TEST(orders_are_obeyed);
     RUN_TEST(a_vehicle_that_is_held_back_gives_up_goal_by_goal_and_then_lands);
+    RUN_TEST(exploring_without_learning_anything_ends_and_says_so);
+    RUN_TEST(a_start_outside_the_fence_is_refused);
     RUN_TEST(the_height_keeps_clear_of_ceiling_and_furniture);
     return UNITY_END();
 }

@@ -1,0 +1,40 @@
+"""Buildings for the bench of motion: doors at any angle, an open front door. Pure functions, form of docs/worlds.md."""
+
+from __future__ import annotations
+
+import math
+
+
+def _turned(x_m: float, y_m: float, angle_rad: float) -> list[float]:
+    c, s = math.cos(angle_rad), math.sin(angle_rad)
+    return [round(c * x_m - s * y_m, 5), round(s * x_m + c * y_m, 5)]
+
+
+def _described(name: str, walls, start, yaw_rad: float, angle_rad: float, doors=None) -> dict:
+    # The plan turned about the origin. walls: (x0, y0, x1, y1); doors: index of a wall -> list of doors.
+    rows = [{"from": _turned(*w[:2], angle_rad), "to": _turned(*w[2:], angle_rad), **({"doors": doors[i]} if i in (doors or {}) else {})}
+            for i, w in enumerate(walls)]
+    points = [p for row in rows for p in (row["from"], row["to"])]
+    extent = [min(p[0] for p in points) - 4.0, min(p[1] for p in points) - 4.0, max(p[0] for p in points) + 4.0, max(p[1] for p in points) + 4.0]
+    x_m, y_m = _turned(*start, angle_rad)
+    return {"name": name, "start": {"x": x_m, "y": y_m, "yaw_deg": round(math.degrees(yaw_rad + angle_rad), 4)},
+            "floors": [{"elevation": 0.0, "height": 2.5, "extent": extent}], "walls": rows}
+
+
+def door(width_m: float, angle_deg: float, offset_m: float) -> dict:
+    """Two rooms of 4 x 4 m with one door between them, full height; the second has a corner that only a visit shows.
+
+    The wall with the door lies on x = 0 before the turn, 0.10 m thick, the door's middle on y = 0; the start is at (-2, offset_m),
+    heading along +x. All is turned by angle_deg about the door's middle.
+    """
+    walls = [(-4, -2, -4, 2), (4, -2, 4, 2), (-4, -2, 4, -2), (-4, 2, 4, 2), (0, -2, 0, 2), (2.2, -2, 2.2, 0.4), (1.0, 0.6, 1.0, 2)]
+    return _described(f"door_{width_m * 100:.0f}_{angle_deg:.0f}_{offset_m:+.2f}", walls, (-2.0, offset_m), 0.0, math.radians(angle_deg),
+                      {4: [{"at": 2.0, "width": width_m, "height": 2.5}]})
+
+
+def open_front_door(angle_deg: float = 11.0) -> dict:
+    """Two rooms, and a front door of 1.2 m that stands open to a yard of 14 x 14 m (a far wall bounds the world, not the flight)."""
+    walls = [(-4, -3, 4, -3), (4, -3, 4, 3), (4, 3, -4, 3), (-4, 3, -4, -3), (0, -3, 0, 3),
+             (4, -7, 18, -7), (18, -7, 18, 7), (18, 7, 4, 7), (4, 7, 4, 3), (4, -3, 4, -7)]
+    return _described("open_front_door", walls, (-2.5, -1.0), 0.3, math.radians(angle_deg),
+                      {1: [{"at": 3.0, "width": 1.2, "height": 2.1}], 4: [{"at": 1.5, "width": 0.9, "height": 2.1}]})
