@@ -38,3 +38,13 @@ def open_front_door(angle_deg: float = 11.0) -> dict:
              (4, -7, 18, -7), (18, -7, 18, 7), (18, 7, 4, 7), (4, 7, 4, 3), (4, -3, 4, -7)]
     return _described("open_front_door", walls, (-2.5, -1.0), 0.3, math.radians(angle_deg),
                       {1: [{"at": 3.0, "width": 1.2, "height": 2.1}], 4: [{"at": 1.5, "width": 0.9, "height": 2.1}]})
+
+
+def front_door_fence() -> dict[str, float]:
+    """The parameters of a fence along the outer walls of open_front_door, frame Map of its start; the same for any angle."""
+    x0, y0, yaw = -2.5, -1.0, 0.3
+    c, s = math.cos(yaw), math.sin(yaw)
+    fence: dict[str, float] = {"fence_corners": 4}
+    for k, (x, y) in enumerate(((-4.2, -3.2), (4.0, -3.2), (4.0, 3.2), (-4.2, 3.2)), start=1):
+        fence[f"fence_{k}_x_m"], fence[f"fence_{k}_y_m"] = c * (x - x0) + s * (y - y0), c * (y - y0) - s * (x - x0)
+    return fence
