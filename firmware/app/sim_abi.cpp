@@ -2,7 +2,11 @@
 ///
 /// Messages go in and come out as encoded LCM, so that a flight in the process and a flight over the bus speak the same
 /// language and write the same log. One thread a node; nodes share nothing.
+#include <time.h>
+
+#include <algorithm>
 #include <chrono>
+#include <cmath>
 #include <cstdint>
 #include <memory>
 #include <string>
@@ -91,4 +95,47 @@ std::size_t noctule_next(noctule_node* self, const char** channel, const std::ui
 }
 
 std::size_t noctule_navigator_bytes() { return sizeof(noctule::Navigator); }
+
+/// Beams a second of thread CPU that the grid takes up: so many sweeps of 1080 beams in a hall of 14 x 9 m, from places on a circle.
+double noctule_grid_beams_per_s(const int sweeps) {
+    constexpr int kBeams = 1080;
+    const auto parameters = std::make_unique<noctule::Parameters>();
+    const auto grid = std::make_unique<noctule::OccupancyGrid>(*parameters);
+    const auto scan = std::make_unique<noctule::LevelScan>();
+    noctule::Estimate e;
+    e.planar.quality = 100;
+    e.altitude.valid = true;
+    e.altitude.z_m = parameters->cruise_height_m;
+    double cpu_s = 0.0;
+    for (int k = 0; k < sweeps; ++k) {
+        const float place = 0.02F * static_cast<float>(k);
+        const float x_m = 2.0F * std::cos(place);
+        const float y_m = 2.0F * std::sin(place);
+        e.planar.pose_map_body = {x_m, y_m, noctule::wrap_angle(place)};
+        scan->range_max_m = 10.0F;
+        scan->bearing_increment_rad = 1.5F * noctule::kPi / static_cast<float>(kBeams - 1);
+        scan->points.clear();
+        for (int b = 0; b < kBeams; ++b) {
+            const float bearing = scan->bearing_increment_rad * (static_cast<float>(b) - 0.5F * static_cast<float>(kBeams - 1));
+            const float ux = std::cos(place + bearing);
+            const float uy = std::sin(place + bearing);
+            const float to_x = (ux > 0.0F ? 7.0F - x_m : 7.0F + x_m) / std::max(std::fabs(ux), 1e-4F);
+            const float to_y = (uy > 0.0F ? 4.5F - y_m : 4.5F + y_m) / std::max(std::fabs(uy), 1e-4F);
+            noctule::ScanPoint p;
+            p.range_m = std::min({to_x, to_y, 10.0F});
+            p.x_m = p.range_m * std::cos(bearing);
+            p.y_m = p.range_m * std::sin(bearing);
+            p.beam = static_cast<std::int16_t>(b);
+            p.hit = p.range_m < 10.0F;
+            static_cast<void>(scan->points.push(p));
+        }
+        timespec before{};
+        timespec after{};
+        clock_gettime(CLOCK_THREAD_CPUTIME_ID, &before);
+        grid->integrate(e, *scan);
+        clock_gettime(CLOCK_THREAD_CPUTIME_ID, &after);
+        cpu_s += static_cast<double>(after.tv_sec - before.tv_sec) + 1e-9 * static_cast<double>(after.tv_nsec - before.tv_nsec);
+    }
+    return static_cast<double>(kBeams) * static_cast<double>(sweeps) / std::max(cpu_s, 1e-9);
+}
 }

@@ -14,6 +14,7 @@ constexpr float kPassesByCells = 0.25F;        ///< a beam farther than this fro
 constexpr float kGrazesCells = 3.0F;           ///< nor does one that ends within this behind it: it grazes the same wall
 constexpr float kGrazesFarCells = 12.0F;       ///< nor one that ends within this behind it,
 constexpr float kPassesFarByCells = 0.1F;      ///< unless it passes the mean hit nearer than this
+constexpr float kLevelCells = 2.0F;            ///< a beam farther than this over or under the vehicle's plane does not contradict a hit
 constexpr std::int32_t kGapBeams = 3;          ///< beams missing between two neighbours of a sweep
 constexpr std::int64_t kRepublishUs = 2000000; ///< scans between publications of a tile whose classes stand still
 constexpr std::int8_t kNeverHit = -128;        ///< in hit_x: no beam ended in the cell since it was last sure to be free
@@ -194,7 +195,8 @@ void OccupancyGrid::hit(const CellId id, const float x_cells, const float y_cell
 }
 
 // Section G, "free": the cells that a beam crosses before its end. Origin in cells, direction of unit length.
-void OccupancyGrid::miss(const CellId id, const float origin_x, const float origin_y, const float dir_x, const float dir_y, const float end) {
+void OccupancyGrid::miss(const CellId id, const float origin_x, const float origin_y, const float dir_x, const float dir_y, const float end,
+                         const float rise) {
     GridTile& t = tiles_[static_cast<std::size_t>(id >> 12)];
     const auto k = static_cast<std::size_t>(id & 4095);
     const std::int8_t l = t.log_odds[k];
@@ -210,7 +212,9 @@ void OccupancyGrid::miss(const CellId id, const float origin_x, const float orig
         const float hx = static_cast<float>(c.ix) + 0.5F + static_cast<float>(t.hit_x[k]) / kOffsetUnits - origin_x;
         const float hy = static_cast<float>(c.iy) + 0.5F + static_cast<float>(t.hit_y[k]) / kOffsetUnits - origin_y;
         const float aside = std::fabs(hx * dir_y - hy * dir_x);
-        const float behind = end - (hx * dir_x + hy * dir_y);
+        const float along = hx * dir_x + hy * dir_y;
+        const float behind = end - along;
+        if (std::fabs(rise * along) > kLevelCells) { return; }  // it passed over or under what stands there
         if (aside > kPassesByCells || behind < kGrazesCells || (behind < kGrazesFarCells && aside > kPassesFarByCells)) { return; }
     }
     mark_touched(id);
@@ -222,7 +226,7 @@ void OccupancyGrid::miss(const CellId id, const float origin_x, const float orig
 // Walks the cells from (ox, oy) to (ex, ey), in cells (Amanatides and Woo 1987). A cell whose centre, projected on the beam,
 // lies before `clear_to` is crossed; one between `mark_from` and `mark_to` is occupied (obstacle thickness over one cell).
 void OccupancyGrid::cast(const float ox, const float oy, const float ex, const float ey, const float clear_to, const float mark_from,
-                         const float mark_to, const bool marking) {
+                         const float mark_to, const bool marking, const float rise) {
     const float length = std::hypot(ex - ox, ey - oy);
     if (!(length > 1e-3F)) { return; }
     const float dx = (ex - ox) / length;
@@ -245,7 +249,7 @@ void OccupancyGrid::cast(const float ox, const float oy, const float ex, const f
             }
         } else if (along < clear_to) {
             const CellId id = find_or_lay(c);
-            if (id != kNoCell && !touched(id)) { miss(id, ox, oy, dx, dy, clear_to); }
+            if (id != kNoCell && !touched(id)) { miss(id, ox, oy, dx, dy, clear_to, rise); }
         }
         if (next_x < next_y) {
             entered = next_x;
@@ -291,7 +295,7 @@ void OccupancyGrid::integrate(const Estimate& estimate, const LevelScan& scan) {
         ++counters_.beams_used;
         if (half > 0.5F) {
             const float stretch = (length + half) / std::max(length, 1e-3F);
-            cast(o.x_m, o.y_m, o.x_m + (e.x_m - o.x_m) * stretch, o.y_m + (e.y_m - o.y_m) * stretch, 0.0F, length - half, length + half, true);
+            cast(o.x_m, o.y_m, o.x_m + (e.x_m - o.x_m) * stretch, o.y_m + (e.y_m - o.y_m) * stretch, 0.0F, length - half, length + half, true, 0.0F);
         } else {
             const CellId id = find_or_lay({static_cast<std::int32_t>(std::floor(e.x_m)), static_cast<std::int32_t>(std::floor(e.y_m))});
             if (id != kNoCell) { hit(id, e.x_m, e.y_m); }
@@ -310,7 +314,7 @@ void OccupancyGrid::integrate(const Estimate& estimate, const LevelScan& scan) {
         }
         if (!(clear_to > 0.0F)) { continue; }
         const float cut = std::min(1.0F, (clear_to + 1.0F) / length);
-        cast(o.x_m, o.y_m, o.x_m + (e.x_m - o.x_m) * cut, o.y_m + (e.y_m - o.y_m) * cut, clear_to, 0.0F, 0.0F, false);
+        cast(o.x_m, o.y_m, o.x_m + (e.x_m - o.x_m) * cut, o.y_m + (e.y_m - o.y_m) * cut, clear_to, 0.0F, 0.0F, false, geometry_.to_cells(p.z_m) / length);
     }
     cached_slot_ = -1;
 }

@@ -108,10 +108,10 @@ private:
     void mark_touched(CellId id);
     void load_parameters();
     void hit(CellId id, float x_cells, float y_cells);
-    void miss(CellId id, float origin_x, float origin_y, float dir_x, float dir_y, float end);
+    void miss(CellId id, float origin_x, float origin_y, float dir_x, float dir_y, float end, float rise);
     [[nodiscard]] float open_range_m(const LevelScan& scan, std::size_t k);
     void touch(CellId id, CellClass before);
-    void cast(float ox, float oy, float ex, float ey, float clear_to, float mark_from, float mark_to, bool marking);
+    void cast(float ox, float oy, float ex, float ey, float clear_to, float mark_from, float mark_to, bool marking, float rise);
 
     const Parameters& p_;
     GridGeometry geometry_;

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from noctule import draw, record, score
+from noctule import draw, map_score, record, score
 from noctule.score import ExploredScore, StartPose
 
 STATES = ("waiting", "taking off", "looking around", "exploring", "returning home", "landing", "landed", "aborted",
@@ -177,6 +177,9 @@ def explored(run: Run) -> tuple[list[dict], list[tuple[float, float]]]:
         if index == 0 and levels is not None and levels.count > 0:
             near = [z for z in levels.z_m[:levels.count] if abs(z) < 0.3]
             estimate = min(near, key=abs) if near else None
+        recorded = record.map_of(tiles, index)
+        found, true = map_score.wall_shares(grade.floor, run.start, *recorded) if recorded is not None else (None, None)
+        camera = map_score.camera_seen_fraction(grade.floor, run.truth, float(true_floor.elevation_m)) if len(run.truth["t_s"]) else None
         rows.append({
             "elevation_m": _number(estimate, 4),
             "true_elevation_m": _number(float(true_floor.elevation_m) - run.start.z_m, 4),
@@ -184,6 +187,9 @@ def explored(run: Run) -> tuple[list[dict], list[tuple[float, float]]]:
             "explorable_area_m2": _number(grade.floor.explorable_area_m2, 4),
             "time_to_95_s": _number(grade.time_to_s[0.95], 3),
             "time_to_99_s": _number(grade.time_to_s[0.99], 3),
+            "walls_found_fraction": _number(found),
+            "walls_true_fraction": _number(true),
+            "camera_seen_fraction": _number(camera),
         })
     return rows, series
 

@@ -171,6 +171,22 @@ void beams_that_graze_a_wall_do_not_wear_it_away() {
     }
 }
 
+void a_tilted_beam_that_passes_over_a_thing_does_not_clear_it() {
+    for (const float z_m : {0.5F, -0.5F, 0.1F}) {
+        const Parameters p;
+        const auto grid = grid_with(p);
+        LevelScan thing = empty_sweep();
+        add(thing, 0.0F, 3.03F, true);
+        for (int k = 0; k < 10; ++k) { grid->integrate(at(0.04F, 0.05F), thing); }
+        LevelScan over = empty_sweep();
+        add(over, 0.0F, 6.03F, true);
+        over.points[0].z_m = z_m;                                  // at the thing half as much
+        for (int k = 0; k < 40; ++k) { grid->integrate(at(0.04F, 0.05F), over); }
+        TEST_ASSERT_EQUAL(std::fabs(z_m) > 0.4F ? CellClass::occupied : CellClass::free, grid->cell_class(Cell{30, 0}));
+        TEST_ASSERT_EQUAL(CellClass::free, grid->cell_class(Cell{45, 0}));   // where nothing was ever hit, it still clears
+    }
+}
+
 void a_gap_without_return_is_free_only_where_both_sides_are_far() {
     const Parameters p;
     const auto near = grid_with(p);
@@ -322,6 +338,7 @@ int main() {
     RUN_TEST(evidence_of_one_sweep_counts_once_and_is_bounded);
     RUN_TEST(what_moved_away_fades_and_what_came_appears);
     RUN_TEST(beams_that_graze_a_wall_do_not_wear_it_away);
+    RUN_TEST(a_tilted_beam_that_passes_over_a_thing_does_not_clear_it);
     RUN_TEST(a_gap_without_return_is_free_only_where_both_sides_are_far);
     RUN_TEST(thick_obstacles_of_the_paper_fill_their_depth);
     RUN_TEST(bad_sweeps_are_refused_and_counted);
