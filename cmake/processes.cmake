@@ -12,10 +12,18 @@ list(FILTER app_sources EXCLUDE REGEX "(_main|_abi|/heap_count)\\.cpp$")
 add_library(noctule_app STATIC ${app_sources})
 target_link_libraries(noctule_app PUBLIC noctule_link PRIVATE noctule_options)
 
+# ---- drivers: real sensors, each a process of its own
+file(GLOB driver_sources CONFIGURE_DEPENDS firmware/drivers/*.cpp)
+list(FILTER driver_sources EXCLUDE REGEX "/camera_[a-z_]*\\.cpp$")  # OpenCV: recognise.cmake
+add_library(noctule_drivers STATIC ${driver_sources})
+target_link_libraries(noctule_drivers PUBLIC noctule_app PRIVATE noctule_options)
+
 foreach(process nav bridge profile)
     add_executable(noctule-${process} firmware/app/${process}_main.cpp)
     target_link_libraries(noctule-${process} PRIVATE noctule_app noctule_options)
 endforeach()
+add_executable(noctule-lidar firmware/app/lidar_main.cpp)
+target_link_libraries(noctule-lidar PRIVATE noctule_drivers noctule_options)
 # The memory of the autonomy is fixed at link time: bss holds the Navigator (docs/memory.md).
 find_program(SIZE_TOOL size)
 if(SIZE_TOOL)

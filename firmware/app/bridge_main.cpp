@@ -14,6 +14,7 @@
 #include <CLI/CLI.hpp>
 
 #include "app/parameter_file.hpp"
+#include "app/realtime.hpp"
 #include "app/signals.hpp"
 #include "app/udp_endpoint.hpp"
 #include "link/bridge.hpp"
@@ -143,7 +144,10 @@ int run(Bridge& bridge, const std::string& url, const std::string& stats_path) {
 
     std::int64_t next_wall_us = now_us;
     std::int64_t heap_at_start = -1;
+    noctule::Watchdog watchdog;
+    watchdog.ready();
     while (!noctule::stop_requested()) {
+        watchdog.alive(monotonic_us());
         if (::poll(waits.data(), waits.size(), kPoll_ms) < 0 && errno != EINTR) {
             std::perror("noctule-bridge: poll");
             return 1;
@@ -167,6 +171,7 @@ int run(Bridge& bridge, const std::string& url, const std::string& stats_path) {
             if (heap_at_start < 0 && bridge.counters().odometry_sent > 0 && noctule_heap_allocations != nullptr) { heap_at_start = noctule_heap_allocations(); }
         }
     }
+    watchdog.stopping();
     const std::int64_t heap_after_start = heap_at_start < 0 ? 0 : noctule_heap_allocations() - heap_at_start;
     if (!stats_path.empty()) { write_stats(stats_path.c_str(), bridge, endpoints.bus, heap_after_start); }
     return 0;
@@ -187,6 +192,8 @@ int main(int argc, char** argv) {
     options.add_option("--ground", ground_urls, "ground station, as above; may be given several times (QGroundControl: udpout:127.0.0.1:14550)");
     options.add_option("--lcm-url", url, "LCM bus of the flight")->capture_default_str();
     options.add_option("--stats", stats_path, "write counters and memory to this JSON file at the end");
+    noctule::RealtimeOptions realtime;
+    noctule::add_realtime_options(options, realtime);
     CLI11_PARSE(options, argc, argv);
 
     std::array<char, 512> error{};
@@ -210,6 +217,7 @@ int main(int argc, char** argv) {
             return 2;
         }
     }
+    noctule::apply_realtime("noctule-bridge", realtime);
     if (!endpoints.bus.open(url.c_str())) {
         std::fprintf(stderr, "noctule-bridge: %s\n", endpoints.bus.error());
         return 2;

@@ -13,6 +13,7 @@
 #include <sys/resource.h>
 
 #include "app/parameter_file.hpp"
+#include "app/realtime.hpp"
 #include "app/signals.hpp"
 #include "link/lcm_bus.hpp"
 #include "link/nav_node.hpp"
@@ -30,6 +31,8 @@ constexpr std::int64_t kScanHold_ms = 100;      // how long a scan waits for its
 constexpr std::int64_t kSilenceFirst_ms = 3000; // before a missing peer is named
 constexpr std::int64_t kSilenceAgain_ms = 10000;
 constexpr int kPoll_ms = 20;
+constexpr float kScanPeriod_us = 50000.0F;      // a step that takes longer is an overrun
+constexpr std::array<float, 11> kLimits_us{0.0F, 100.0F, 200.0F, 500.0F, 1000.0F, 2000.0F, 5000.0F, 10000.0F, 20000.0F, 50000.0F, 100000.0F};
 
 std::int64_t monotonic_ns() {
     return std::chrono::duration_cast<std::chrono::nanoseconds>(std::chrono::steady_clock::now().time_since_epoch()).count();
@@ -54,6 +57,12 @@ public:
         return max_us_;
     }
     [[nodiscard]] float max_us() const { return max_us_; }
+    /// Steps that took limit_us or longer; limit_us is a multiple of the bins' width.
+    [[nodiscard]] std::uint64_t at_least(const float limit_us) const {
+        std::uint64_t sum = 0;
+        for (auto i = static_cast<std::size_t>(limit_us / kBin_us); i < bins_.size(); ++i) { sum += bins_[i]; }
+        return sum;
+    }
     [[nodiscard]] std::uint64_t count() const { return count_; }
 
 private:
@@ -90,6 +99,14 @@ void write_stats(const char* path, const std::int64_t heap_after_start, const Na
                  static_cast<unsigned long long>(process.step_times.count()), static_cast<double>(process.step_times.percentile_us(0.5)),
                  static_cast<double>(process.step_times.percentile_us(0.99)), static_cast<double>(process.step_times.max_us()),
                  sizeof(noctule::Navigator), usage.ru_maxrss);
+    // Counts between these limits; the last is of all that took longer.
+    std::fprintf(file, "\"step_us_histogram\": [");
+    for (std::size_t i = 0; i < kLimits_us.size(); ++i) {
+        const std::uint64_t beyond = i + 1 < kLimits_us.size() ? process.step_times.at_least(kLimits_us[i + 1]) : 0;
+        std::fprintf(file, "%s[%.0f, %llu]", i == 0 ? "" : ", ", static_cast<double>(kLimits_us[i]),
+                     static_cast<unsigned long long>(process.step_times.at_least(kLimits_us[i]) - beyond));
+    }
+    std::fprintf(file, "], \"overruns\": %llu, ", static_cast<unsigned long long>(process.step_times.at_least(kScanPeriod_us)));
     if (heap_after_start >= 0) {
         std::fprintf(file, "\"heap_allocations_after_start\": %lld, ", static_cast<long long>(heap_after_start));
     } else {
@@ -97,6 +114,16 @@ void write_stats(const char* path, const std::int64_t heap_after_start, const Na
     }
     std::fprintf(file, "\"refused_messages\": %u, \"scans_replaced\": %u}\n", node.refused(), node.scans_replaced());
     std::fclose(file);
+}
+
+/// Overruns: the newest scan is taken, the one it replaced is skipped and counted; said at most every ten seconds.
+void report_overruns(const std::int64_t now_ns, const std::uint32_t skipped) {
+    static std::uint32_t told = 0;
+    static std::int64_t next_ns = 0;
+    if (skipped == told || now_ns < next_ns) { return; }
+    std::fprintf(stderr, "noctule-nav: %u scans were skipped: steps take up to %.1f ms\n", skipped - told, static_cast<double>(process.step_times.max_us()) * 1e-3);
+    told = skipped;
+    next_ns = now_ns + kSilenceAgain_ms * kNanosecondsPerMillisecond;
 }
 
 /// Names the missing peer, at most every ten seconds.
@@ -119,6 +146,8 @@ int main(int argc, char** argv) {
     options.add_option("--store", store_path, "what ground stations changed, as noctule-bridge --store writes it; read after --parameters where it exists");
     options.add_option("--lcm-url", url, "LCM bus of the flight")->capture_default_str();
     options.add_option("--stats", stats_path, "write step times and memory to this JSON file at the end");
+    noctule::RealtimeOptions realtime;
+    noctule::add_realtime_options(options, realtime);
     CLI11_PARSE(options, argc, argv);
 
     std::array<char, 512> error{};
@@ -130,6 +159,7 @@ int main(int argc, char** argv) {
         std::fprintf(stderr, "noctule-nav: %s\n", error.data());
         return 2;
     }
+    noctule::apply_realtime("noctule-nav", realtime);
     if (!process.bus.open(url.c_str())) {
         std::fprintf(stderr, "noctule-nav: %s\n", process.bus.error());
         return 2;
@@ -157,6 +187,8 @@ int main(int argc, char** argv) {
 
     process.last_heard_ns = monotonic_ns();
     std::int64_t next_complaint_ns = 0;
+    noctule::Watchdog watchdog;
+    watchdog.ready();
     // Start-up ends with the first step: until then the bus's own reader may still allocate.
     std::int64_t heap_at_first_step = -1;
     while (!noctule::stop_requested()) {
@@ -173,7 +205,10 @@ int main(int argc, char** argv) {
             heap_at_first_step = noctule_heap_allocations();
         }
         complain_when_silent(now_ns, next_complaint_ns);
+        report_overruns(now_ns, node.scans_replaced());
+        watchdog.alive(now_ns / 1000);
     }
+    watchdog.stopping();
     const std::int64_t heap_after_start = heap_at_first_step < 0 ? -1 : noctule_heap_allocations() - heap_at_first_step;
     if (!stats_path.empty()) { write_stats(stats_path.c_str(), heap_after_start, node); }
     return 0;
