@@ -18,6 +18,7 @@ constexpr float kLevelCells = 2.0F;            ///< a beam farther than this ove
 constexpr std::int32_t kGapBeams = 3;          ///< beams missing between two neighbours of a sweep
 constexpr std::int64_t kRepublishUs = 2000000; ///< scans between publications of a tile whose classes stand still
 constexpr std::int8_t kNeverHit = -128;        ///< in hit_x: no beam ended in the cell since it was last sure to be free
+constexpr std::uint32_t kCameraEvery = 4;      ///< a power of two: 20 sweeps and 5 images a second
 constexpr std::uint32_t kRefreshScans = 128;   ///< a power of two
 constexpr std::int32_t kGeometryStep = 10;     ///< move of a mean hit (1/256 cell) that makes clearances stale
 
@@ -135,6 +136,7 @@ CellId OccupancyGrid::find_or_lay(const Cell cell) {
             t.log_odds.fill(0);
             t.hit_x.fill(kNeverHit);
             t.hit_y.fill(0);
+            t.camera.fill(0);
             for (std::uint16_t& v : t.version) { ++v; }
             t.class_changed = t.value_changed = false;
             t.published_us = -1;
@@ -317,6 +319,7 @@ void OccupancyGrid::integrate(const Estimate& estimate, const LevelScan& scan) {
         cast(o.x_m, o.y_m, o.x_m + (e.x_m - o.x_m) * cut, o.y_m + (e.y_m - o.y_m) * cut, clear_to, 0.0F, 0.0F, false, geometry_.to_cells(p.z_m) / length);
     }
     cached_slot_ = -1;
+    if ((scans_ & (kCameraEvery - 1U)) == 0U) { look(pose); }
 }
 
 // How far a beam without return may clear: 0 unless the returns on both sides of the gap come from near the greatest range, as

@@ -37,6 +37,7 @@ struct GridTile {
     std::array<std::int8_t, kTileArea> log_odds{};   ///< 1/16 nat; 0 unknown, positive occupied, negative free
     std::array<std::int8_t, kTileArea> hit_x{};      ///< mean hit from the cell's centre, 1/256 cell; -128: none
     std::array<std::int8_t, kTileArea> hit_y{};
+    std::array<std::uint64_t, kTileCells> camera{};  ///< a bit a cell, row by row: free and once in the camera's view
     std::array<std::uint16_t, kTileBlocks> version{}; ///< rises with every change of a block's geometry
     std::array<std::int32_t, 8> neighbour{};         ///< slots of the tiles around, order of kNeighbourX; -1 none
     bool class_changed = false;                      ///< since it was last published
@@ -79,6 +80,19 @@ public:
     /// True: the straight line between two points meets no occupied cell and no unknown one.
     [[nodiscard]] bool line_is_free(float x0_m, float y0_m, float x1_m, float y1_m) const;
 
+    // Camera layer (camera_layer.cpp): floor within camera_range_m and camera_fov_rad of the front camera, in line of sight over free cells.
+    /// What the camera sees from a pose is seen. integrate() does it every fourth sweep.
+    void look(const Pose2<Map, Body>& pose);
+    [[nodiscard]] bool camera_saw(const CellId id) const {
+        return (tiles_[static_cast<std::size_t>(id >> 12)].camera[static_cast<std::size_t>((id >> 6) & 63)] >> static_cast<unsigned>(id & 63) & 1U) != 0U;
+    }
+    /// Floor that would be seen for the first time from there.
+    [[nodiscard]] float unseen_in_view_m2(float x_m, float y_m, float yaw_rad) const;
+    /// Free cells not yet seen in a block of 8 x 8 cells (slot, and 0 to 63 in the tile): where unseen floor lies.
+    [[nodiscard]] std::int32_t unseen_in_block(std::int32_t slot, std::int32_t block) const;
+    /// Of all free cells of all floors; walks over the whole map.
+    [[nodiscard]] float camera_seen_fraction() const;
+
     [[nodiscard]] std::int32_t tile_count() const { return tile_count_; }
     [[nodiscard]] const GridTile& tile(const std::int32_t slot) const { return tiles_[static_cast<std::size_t>(slot)]; }
     [[nodiscard]] std::int32_t tile_slot(std::int32_t tile_x, std::int32_t tile_y) const;  ///< of the active floor; -1: none
@@ -104,6 +118,7 @@ private:
         return log_odds <= free_ ? CellClass::free : CellClass::unknown;
     }
     [[nodiscard]] CellId find_or_lay(Cell cell);
+    template <class F> void each_in_view(float x_m, float y_m, float yaw_rad, F&& visit) const;
     [[nodiscard]] bool touched(CellId id) const;   ///< by the sweep being entered
     void mark_touched(CellId id);
     void load_parameters();

@@ -298,6 +298,42 @@ void clearance_is_measured_to_hits_not_to_cells() {
     }
 }
 
+void the_camera_sees_its_sector_of_free_cells_up_to_the_first_wall() {
+    Parameters p;
+    p.no_return_open = 0.0F;
+    const auto grid = grid_with(p);
+    LevelScan s = empty_sweep();
+    for (int k = 0; k < 1440; ++k) {                                       // GIVEN free floor all round, a wall at x = 3
+        const float b = 0.0043633F * static_cast<float>(k) - noctule::kPi;
+        const float to_wall = std::cos(b) > 0.31F ? 3.0F / std::cos(b) : 9.0F;
+        if (k < 1199) { add(s, b, std::fmin(9.0F, to_wall), to_wall < 9.0F); }
+    }
+    Estimate e = at(0.0F, 0.0F);
+    grid->integrate(e, s);
+    grid->integrate(e, s);
+    TEST_ASSERT_EQUAL_FLOAT(0.0F, grid->camera_seen_fraction());
+    const float expected_m2 = grid->unseen_in_view_m2(0.0F, 0.0F, 0.0F);
+    grid->look(e.planar.pose_map_body);                                    // WHEN it looks along x once
+    const auto saw = [&](const float x_m, const float y_m) { return grid->camera_saw(grid->find(x_m, y_m)); };
+    TEST_ASSERT_TRUE(saw(2.5F, 0.0F));
+    TEST_ASSERT_TRUE(saw(2.5F, 1.5F));                                     // 0.54 rad aside
+    TEST_ASSERT_FALSE(saw(1.0F, 1.0F));                                    // 0.79 rad aside
+    TEST_ASSERT_FALSE(saw(-1.0F, 0.0F));                                   // behind
+    TEST_ASSERT_FALSE(saw(3.25F, 0.1F));                                   // behind the wall
+    grid->look({-8.0F, -3.0F, 0.0F});
+    TEST_ASSERT_FALSE(saw(-3.0F, -3.0F));                                  // farther than 4 m
+    TEST_ASSERT_TRUE(saw(-4.5F, -3.0F));
+    TEST_ASSERT_FLOAT_WITHIN(0.05F, 0.0F, grid->unseen_in_view_m2(0.0F, 0.0F, 0.0F));   // THEN nothing is new there
+    TEST_ASSERT_FLOAT_WITHIN(0.3F, 9.0F * std::tan(0.6F), expected_m2);    // a triangle: 3 m deep, 2 x 3 tan(0.6) wide
+    const noctule::Cell c = grid->geometry().cell(2.0F, 0.0F);
+    const std::int32_t slot = grid->tile_slot(c.ix >> 6, c.iy >> 6);
+    TEST_ASSERT_EQUAL_INT32(0, grid->unseen_in_block(slot, ((c.iy >> 3) & 7) * 8 + ((c.ix >> 3) & 7)));
+    TEST_ASSERT_EQUAL_INT32(64, grid->unseen_in_block(slot, 6 * 8 + 1));   // x 0.8 to 1.6, y 4.8 to 5.6
+    const float before = grid->camera_seen_fraction();
+    for (int k = 0; k < 4; ++k) { grid->integrate(at(0.0F, 0.0F, 1.6F), empty_sweep()); }   // sweeps bring looks of their own
+    TEST_ASSERT_TRUE(grid->camera_seen_fraction() > before);
+}
+
 void floors_share_the_pool_and_nothing_else() {
     const Parameters p;
     const auto grid = grid_with(p);
@@ -345,6 +381,7 @@ int main() {
     RUN_TEST(a_full_pool_refuses_counts_and_keeps_what_it_has);
     RUN_TEST(every_change_is_published_in_the_end);
     RUN_TEST(clearance_is_measured_to_hits_not_to_cells);
+    RUN_TEST(the_camera_sees_its_sector_of_free_cells_up_to_the_first_wall);
     RUN_TEST(floors_share_the_pool_and_nothing_else);
     return UNITY_END();
 }
