@@ -49,6 +49,9 @@ inline constexpr std::size_t kMaxLandmarks = 160;        ///< walls of one parti
 inline constexpr std::size_t kMaxPointCells = 8192;      ///< cells of the point map, a power of two; the one with fewest points gives way
 inline constexpr std::size_t kMaxPredictorSamples = 128; ///< inertial samples since the last scan; the oldest give way
 inline constexpr std::size_t kMaxMatchPoints = 240;      ///< points of one sweep matched with the point map; thinned out beyond
+inline constexpr std::size_t kMaxShapePoints = 180;      ///< points of one sweep in the scan match; thinned out beyond
+inline constexpr std::size_t kMaxScanCells = 8192;       ///< cells of the map around the vehicle; a further one is refused
+inline constexpr std::size_t kMaxKeyframes = 2048;       ///< sweeps kept for the scan match; the most crowded gives way
 
 // Recognition.
 inline constexpr std::size_t kMaxSurfPixels = 786432;    ///< pixels of an image for SURF (1024 x 768); a larger one is refused

@@ -170,6 +170,33 @@ MotionIncrement InertialFilter::increment() const {
     return motion;
 }
 
+void InertialFilter::keep_along(Matrix<double, kStates, 3>& k, const double blind_rad) const {
+    const auto take_out = [&k](const std::size_t row, const double c, const double s) {
+        for (std::size_t j = 0; j < 3; ++j) {
+            const double along = c * k(row, j) + s * k(row + 1, j);
+            k(row, j) -= c * along;
+            k(row + 1, j) -= s * along;
+        }
+    };
+    take_out(kX, std::cos(blind_rad), std::sin(blind_rad));
+    take_out(kVx, std::cos(blind_rad), std::sin(blind_rad));
+    const double in_body_rad = blind_rad - x_(kYaw, 0);
+    take_out(kBiasX, std::cos(in_body_rad), std::sin(in_body_rad));
+}
+
+void InertialFilter::bound_speed(const double most_m_s) {
+    for (const std::size_t i : {kVx, kVy}) {
+        if (p_(i, i) < square(most_m_s)) { continue; }
+        Vector k;
+        const double total = p_(i, i) + square(most_m_s);
+        for (std::size_t j = 0; j < kStates; ++j) { k(j, 0) = p_(j, i) / total; }
+        const double off = -x_(i, 0);
+        for (std::size_t j = 0; j < kStates; ++j) { x_(j, 0) += k(j, 0) * off; }
+        p_ -= total * (k * transpose(k));
+        symmetrise(p_);
+    }
+}
+
 void InertialFilter::correct(const LaserInformation& laser) {
     // K b = P H^T (I + Lambda H P H^T)^-1 b, H = [I3 0]: the same as the Kalman gain times the innovation, but Lambda may be singular.
     Matrix<double, 3, 3> p_pose;
@@ -180,9 +207,19 @@ void InertialFilter::correct(const LaserInformation& laser) {
     }
     Matrix<double, 3, 3> gain;
     if (!invert(Matrix<double, 3, 3>::identity() + laser.lambda * p_pose, gain)) { return; }
-    x_ += p_all_pose * (gain * laser.b);
+    Matrix<double, kStates, 3> k = p_all_pose * gain;
+    if (laser.blind) { keep_along(k, laser.blind_rad); }
+    x_ += k * laser.b;
     x_(kYaw, 0) = wrap(x_(kYaw, 0));
-    p_ -= p_all_pose * (gain * laser.lambda) * transpose(p_all_pose);
+    if (!laser.blind) {
+        p_ -= k * laser.lambda * transpose(p_all_pose);
+    } else {
+        // For a gain that is not the best one (equation 11): (I - K Lambda H) P (I - K Lambda H)^T + K Lambda K^T.
+        const Matrix<double, kStates, 3> kl = k * laser.lambda;
+        const Square cross = kl * transpose(p_all_pose);
+        p_ -= cross + transpose(cross);
+        p_ += kl * p_pose * transpose(kl) + kl * transpose(k);
+    }
     symmetrise(p_);
     for (std::size_t i = 0; i < kStates; ++i) { p_(i, i) = std::max(p_(i, i), 1e-14); }
 }

@@ -54,6 +54,9 @@ public:
     /// Adds independent doubt to velocity, as after a gap. Standard deviation, >= 0.
     void widen_velocity(double sigma_m_s);
 
+    /// No vehicle is faster than it may fly: once velocity is in greater doubt than that, it is drawn to within it.
+    void bound_speed(double most_m_s);
+
     [[nodiscard]] const Vector& state() const { return x_; }
     [[nodiscard]] const Square& covariance() const { return p_; }
     [[nodiscard]] double yaw_rate_rad_s() const { return yaw_rate_rad_s_; }
@@ -62,6 +65,8 @@ public:
     static Vector propagate(const Vector& x, const Input& input, double dt_s, Square& J_next_now);
 
 private:
+    /// Takes the blind direction out of what a gain does to place, velocity and accelerometer bias.
+    void keep_along(Matrix<double, kStates, 3>& k, double blind_rad) const;
     void advance(const Square& J_next_now, const Square& noise);
 
     const Parameters& parameters_;

@@ -12,6 +12,16 @@ constexpr std::int64_t kImuGap_us = 100000;
 // Below this the laser says nothing about any direction: (5 cm)^-2.
 constexpr double kInformation_1_m2 = 400.0;
 
+// Share of the walls that no landmark explains, from which the scan match leads, and below which walls do again.
+constexpr float kWallsPoor = 0.22F;
+constexpr float kWallsGood = 0.08F;
+constexpr float kWallsUnproven = 0.3F;
+// Share of the hits on walls below which they are not asked (round rooms).
+constexpr float kWallsMatter = 0.1F;
+
+// Doubt about velocity, in the speed limit, that is not believed.
+constexpr double kSpeedDoubt = 3.0;
+
 // What the vehicle may have done while its clock began anew.
 constexpr double kRestartSpeed_m_s = 0.5;
 
@@ -27,7 +37,7 @@ constexpr double kRestartSpeed_m_s = 0.5;
 }  // namespace
 
 Localiser::Localiser(const Parameters& parameters)
-    : parameters_(parameters), leveller_(parameters), extractor_(parameters), inertial_(parameters), filter_(parameters), points_(parameters) {}
+    : parameters_(parameters), leveller_(parameters), extractor_(parameters), inertial_(parameters), filter_(parameters), points_(parameters), tracker_(parameters) {}
 
 void Localiser::take_attitude(const SensorFrame& frame) {
     if (attitude_.size() > 1) {
@@ -135,6 +145,11 @@ const PlanarEstimate& Localiser::update(const SensorFrame& frame, const Altitude
 }
 
 const PlanarEstimate& Localiser::update(const SensorFrame& frame, const AltitudeEstimate& last_altitude, const MotionIncrement& motion) {
+    if (!external_motion_) {
+        // Wheels carry less well from sweep to sweep than inertia: there the walls have yet to prove themselves.
+        filter_.doubt_walls(kWallsUnproven);
+        match_leads_ = true;
+    }
     external_motion_ = true;
     take_attitude(frame);
     const SampleVerdict verdict = checker_.check(frame.scan);
@@ -187,6 +202,7 @@ const PlanarEstimate& Localiser::finish(const SensorFrame& frame, const Altitude
     leveller_.level(frame.scan, motion_, bounds, level_scan_);
     const WallObservations& walls = extractor_.extract(level_scan_);
     collect_match_points();
+    points_.set_noise(level_scan_.range_noise_m);
 
     if (!started_) {
         started_ = true;
@@ -196,11 +212,18 @@ const PlanarEstimate& Localiser::finish(const SensorFrame& frame, const Altitude
     }
     const Pose2<Map, Body> predicted = filter_.mean();
     PoseMatch match;
-    if (parameters_.point_match != 0) { match = points_.match(match_points_, predicted, filter_.predicted_covariance()); }
-    const WallFilter::Result& result = filter_.update(walls, match, level_scan_);
+    const bool lead = match_leads();
+    if (parameters_.scan_match != 0) { tracker_.take(level_scan_); }
+    if (lead) {
+        static_cast<void>(tracker_.match(predicted, filter_.predicted_covariance()));
+    } else if (parameters_.point_match != 0) {
+        match = points_.match(match_points_, predicted, filter_.predicted_covariance());
+    }
+    const WallFilter::Result& result = lead ? filter_.follow(walls, tracker_.fit(), level_scan_) : filter_.update(walls, match, level_scan_);
 
     if (!external_motion_) {
         inertial_.correct(result.laser);
+        inertial_.bound_speed(kSpeedDoubt * static_cast<double>(parameters_.speed_max_m_s));
         inertial_.place(static_cast<double>(result.pose.x_m), static_cast<double>(result.pose.y_m), static_cast<double>(result.pose.yaw_rad));
         inertial_.mark();
         motion_.clear();
@@ -218,7 +241,17 @@ const PlanarEstimate& Localiser::finish(const SensorFrame& frame, const Altitude
     estimate_.pose_map_body = result.pose;
     publish(predicted, result, informed);
     if (parameters_.point_match != 0 && estimate_.quality >= 0) { points_.add(match_points_, result.pose); }
+    if (parameters_.scan_match != 0 && estimate_.quality >= 0) { tracker_.keep(result.pose); }
     return estimate_;
+}
+
+bool Localiser::match_leads() {
+    // Walls are good or poor in a building, not in a sweep: two thresholds (docs/maths/scan_match.md#lead).
+    const float doubtful = filter_.doubtful_walls();
+    const bool walls_matter = filter_.hits_on_walls() > kWallsMatter || external_motion_;
+    if (!match_leads_ && doubtful > kWallsPoor && walls_matter) { match_leads_ = true; }
+    if (match_leads_ && doubtful < kWallsGood) { match_leads_ = false; }
+    return parameters_.scan_match == 2 || (parameters_.scan_match == 1 && match_leads_);
 }
 
 void Localiser::publish(const Pose2<Map, Body>& predicted, const WallFilter::Result& result, const bool informed) {

@@ -15,6 +15,7 @@
 #include "estimate/inertial_filter.hpp"
 #include "estimate/motion.hpp"
 #include "estimate/point_map.hpp"
+#include "estimate/scan_tracker.hpp"
 #include "estimate/wall_filter.hpp"
 #include "params.gen.hpp"
 #include "sense/leveller.hpp"
@@ -61,6 +62,7 @@ private:
     void push_node();
     const PlanarEstimate& finish(const SensorFrame& frame, const AltitudeEstimate& last_altitude, const MotionIncrement& motion);
     void collect_match_points();
+    [[nodiscard]] bool match_leads();
     void publish(const Pose2<Map, Body>& predicted, const WallFilter::Result& result, bool informed);
 
     const Parameters& parameters_;
@@ -70,6 +72,7 @@ private:
     InertialFilter inertial_;
     WallFilter filter_;
     PointMap points_;
+    ScanTracker tracker_;
 
     bool started_ = false;
     std::int64_t now_us_ = 0;          ///< time that the inertial filter stands at
@@ -82,6 +85,7 @@ private:
     MatchPoints match_points_;
     std::array<double, 3> odometry_pose_{};  ///< sum of the increments of the second form of update: x, y, yaw
     bool external_motion_ = false;
+    bool match_leads_ = false;
     PlanarEstimate estimate_;
     std::uint32_t coasted_ = 0;
     std::uint32_t blind_scans_ = 0;

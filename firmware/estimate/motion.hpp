@@ -24,6 +24,8 @@ struct MotionIncrement {
 struct LaserInformation {
     Matrix<double, 3, 3> lambda;
     Matrix<double, 3, 1> b;
+    bool blind = false;       ///< there is a direction of which the scan says nothing; it is taken out of lambda and b
+    double blind_rad = 0.0;   ///< that direction
 };
 
 }  // namespace noctule

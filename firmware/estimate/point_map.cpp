@@ -99,7 +99,8 @@ PoseMatch PointMap::match(const MatchPoints& points, const Pose2<Map, Body>& pre
     widened(1, 1) += 1e-4F;
     widened(2, 2) += 1e-5F;
     if (!invert(widened, prior)) { return result; }
-    const float noise_m2 = parameters_.laser_range_noise_m * parameters_.laser_range_noise_m;
+    const float noise_m = noise_m_ > 0.0F ? noise_m_ : parameters_.laser_range_noise_m;
+    const float noise_m2 = noise_m * noise_m;
 
     Pose2<Map, Body> pose = predicted;
     Matrix<float, 3, 3> lambda;

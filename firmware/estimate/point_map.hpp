@@ -41,6 +41,9 @@ public:
     /// Match from a predicted pose with its covariance (x, y, yaw). Not valid when too few points find a cell.
     [[nodiscard]] PoseMatch match(const MatchPoints& points, const Pose2<Map, Body>& predicted, const Matrix<float, 3, 3>& covariance);
 
+    /// Standard deviation of the points to reckon with.
+    void set_noise(const float noise_m) { noise_m_ = noise_m; }
+
     /// Adds points seen from a pose.
     void add(const MatchPoints& points, const Pose2<Map, Body>& pose);
 
@@ -66,6 +69,7 @@ private:
     const Parameters& parameters_;
     std::array<Cell, kMaxPointCells> cells_{};
     std::size_t size_ = 0;
+    float noise_m_ = 0.0F;   ///< 0: as the parameter says
     Counters counters_;
 };
 

@@ -10,7 +10,6 @@ namespace {
 
 constexpr float kDirectionGate = 0.96F;   // cosine of 16 degrees
 constexpr float kOffsetGate_m = 0.6F;     // across the wall; the statistical gate is far inside
-constexpr std::uint32_t kMergesPerStep = 10;  // particles whose landmarks are compared with one another in one step
 // Walls that differ in direction by less than its root (1 degree) count as parallel.
 constexpr float kParallel_rad2 = 3.0e-4F;
 
@@ -35,6 +34,28 @@ constexpr float kParallel_rad2 = 3.0e-4F;
 [[nodiscard]] float slide_variance(const Matrix<float, 3, 3>& p, const float c, const float s) {
     const float along_m2 = s * s * p(0, 0) - 2.0F * c * s * p(0, 1) + c * c * p(1, 1);
     return kParallel_rad2 * along_m2;
+}
+
+[[nodiscard]] bool drop_phantom_direction(Matrix<double, 3, 3>& lambda, Matrix<double, 3, 1>& b, double& direction_rad);
+
+/// P (I + Lambda P)^-1 without phantom directions. In double: metres along a corridor beside tenths of millimetres across.
+[[nodiscard]] Matrix<float, 3, 3> left_after(const Matrix<float, 3, 3>& p, const Matrix<float, 3, 3>& lambda) {
+    Matrix<double, 3, 3> wide_p;
+    Matrix<double, 3, 3> wide_lambda;
+    for (std::size_t k = 0; k < 9; ++k) {
+        wide_p.values[k] = static_cast<double>(p.values[k]);
+        wide_lambda.values[k] = static_cast<double>(lambda.values[k]);
+    }
+    Matrix<double, 3, 1> none;
+    double direction_rad = 0.0;
+    static_cast<void>(drop_phantom_direction(wide_lambda, none, direction_rad));
+    Matrix<double, 3, 3> gain;
+    if (!invert(Matrix<double, 3, 3>::identity() + wide_lambda * wide_p, gain)) { return p; }
+    const Matrix<double, 3, 3> left = wide_p * gain;
+    Matrix<float, 3, 3> out;
+    for (std::size_t k = 0; k < 9; ++k) { out.values[k] = static_cast<float>(left.values[k]); }
+    symmetrise(out);
+    return out;
 }
 
 /// Positive part of a symmetric matrix, position and yaw taken apart, no variance of position above most_m2.
@@ -83,6 +104,7 @@ void WallFilter::start(const Pose2<Map, Body>& pose) {
     mean_ = pose;
     spread_ = Matrix<float, 3, 3>{};
     predicted_covariance_ = spread_;
+    whole_covariance_ = spread_;
     map_drift_ = spread_;
     best_ = 0;
 }
@@ -102,7 +124,8 @@ void WallFilter::predict(const MotionIncrement& motion) {
     // What the source of motion knows to be uncertain and the particles do not yet show (docs/maths/localisation.md, equation 9).
     const Matrix<float, 3, 3> shown = spread_ + turned(motion_covariance_, mean_.yaw_rad);
     const float unlimited = std::numeric_limits<float>::infinity();
-    predicted_covariance_ = shown + positive_part(motion.pose_covariance - shown, unlimited);
+    whole_covariance_ = shown + positive_part(motion.pose_covariance - shown, unlimited);
+    predicted_covariance_ = shown + positive_part(motion.pose_covariance - shown, kSearchable_m2);
     // A cloud wider than what counts as lost would not be searched by a hundred particles, only scattered: it grows no further.
     const float room_m2 = parameters_.lost_sigma_m * parameters_.lost_sigma_m - eigen_symmetric(shown(0, 0), shown(0, 1), shown(1, 1)).large;
     widening_ = positive_part(motion.pose_covariance - shown, std::max(0.0F, room_m2));
@@ -143,7 +166,7 @@ std::int32_t WallFilter::associate(const Particle& particle, const Belief& belie
 }
 
 float WallFilter::fuse(const Landmark& landmark, const WallObservation& wall, const Pose2<Map, Body>& predicted, Belief& belief,
-                       float& noise_scale) const {
+                       Assignment& assignment) const {
     const LineMeasurement expected = landmark.predict(belief.pose);
     const float d_rho = wall.rho_m - expected.rho_m;
     const float d_alpha = wrap_angle(wall.alpha_rad - expected.alpha_rad);
@@ -156,10 +179,11 @@ float WallFilter::fuse(const Landmark& landmark, const WallObservation& wall, co
     LineCovariance total = prior + noise;
     const float limit2 = parameters_.outlier_sigma * parameters_.outlier_sigma;
     const float d2 = total.distance_squared(d_rho, d_alpha);
-    noise_scale = 1.0F;
+    assignment.distance2 = d2;
+    assignment.noise_scale = 1.0F;
     if (d2 > limit2) {
-        noise_scale = d2 / limit2;
-        noise = noise.scaled(noise_scale);
+        assignment.noise_scale = d2 / limit2;
+        noise = noise.scaled(assignment.noise_scale);
         total = prior + noise;
     }
     const float density = log_density(d_rho, d_alpha, total);
@@ -245,7 +269,8 @@ void WallFilter::update_particle(Particle& particle, const std::size_t index, co
         }
         ++matched;
         associated[static_cast<std::size_t>(l)] = true;
-        const float density = fuse(particle.landmarks[static_cast<std::size_t>(l)], walls[j], predicted, belief, assigned[j].noise_scale);
+        const float density = fuse(particle.landmarks[static_cast<std::size_t>(l)], walls[j], predicted, belief, assigned[j]);
+        if (index == best_ && assigned[j].distance2 < kSound2) { ++sound_; }
         particle.log_weight += std::max(log_new, density);
     }
     if (match.valid) { fuse_match(match, predicted, belief); }
@@ -264,9 +289,7 @@ void WallFilter::update_particle(Particle& particle, const std::size_t index, co
 
     // Pose against Map's start: how well the scan ties it to the walls, and how well those are tied.
     drift_[index] = drift_of(particle, assigned, walls.size());
-    Matrix<float, 3, 3> absolute = drift_[index];
-    Matrix<float, 3, 3> gain;
-    if (invert(Matrix<float, 3, 3>::identity() + belief.lambda * predicted_covariance_, gain)) { absolute += predicted_covariance_ * gain; }
+    const Matrix<float, 3, 3> absolute = drift_[index] + left_after(whole_covariance_, belief.lambda);
     for (std::size_t j = 0; j < walls.size(); ++j) {
         if (assigned[j].landmark >= 0) {
             learn(particle.landmarks[static_cast<std::size_t>(assigned[j].landmark)], walls[j], particle.pose, assigned[j].noise_scale);
@@ -287,9 +310,12 @@ void WallFilter::update_particle(Particle& particle, const std::size_t index, co
 }
 
 const WallFilter::Result& WallFilter::update(const WallObservations& walls, const PoseMatch& match, const LevelScan& scan) {
+    if (following_) { rejoin(); }
+    sound_ = 0;
     ++step_;
     prepare_bearings(scan);
     for (std::size_t i = 0; i < count(); ++i) { update_particle(particles_[i], i, walls, match); }
+    judge_walls(walls, scan);
     if (parameters_.visibility_through != 0) {
         for (std::uint32_t k = 0; k < kMergesPerStep; ++k) { merge_landmarks(particles_[(step_ * kMergesPerStep + k) % count()]); }
     }
@@ -361,7 +387,8 @@ void WallFilter::summarise() {
         for (std::size_t k = 0; k < 3; ++k) { b(k, 0) += (lambda(k, 0) * c + lambda(k, 1) * s) * moved; }
     }
     double blind_rad = 0.0;
-    if (drop_phantom_direction(lambda, b, blind_rad)) {
+    const bool blind = drop_phantom_direction(lambda, b, blind_rad);
+    if (blind) {
         // Choosing among particles must not move them where the scan says nothing: there the prediction stands.
         const float c = static_cast<float>(std::cos(blind_rad));
         const float s = static_cast<float>(std::sin(blind_rad));
@@ -378,7 +405,7 @@ void WallFilter::summarise() {
     result_.spread = spread;
     map_drift_ = drift_[best_];
     result_.map_drift = map_drift_;
-    result_.laser = {lambda, b};
+    result_.laser = {lambda, b, blind, blind_rad};
     result_.effective_particles = 1.0F / squares;
     result_.walls_matched = matched_[best_];
 }

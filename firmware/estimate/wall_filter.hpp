@@ -15,6 +15,7 @@
 #include "core/random.hpp"
 #include "estimate/motion.hpp"
 #include "estimate/point_map.hpp"
+#include "estimate/scan_map.hpp"
 #include "estimate/wall_landmark.hpp"
 #include "params.gen.hpp"
 #include "sense/level_scan.hpp"
@@ -63,10 +64,21 @@ public:
     /// Associates, samples, weighs and resamples. match may be invalid. The scan serves the visibility counters.
     const Result& update(const WallObservations& walls, const PoseMatch& match, const LevelScan& scan);
 
+    /// In place of update(): the match alone moves the pose; walls are learnt by one particle, whose copies the others become when
+    /// update() is called again.
+    const Result& follow(const WallObservations& walls, const ScanFit& fit, const LevelScan& scan);
+
     [[nodiscard]] Pose2<Map, Body> mean() const { return mean_; }
     /// Covariance of the predicted pose as the proposal uses it, spread of the particles included.
     [[nodiscard]] const Matrix<float, 3, 3>& predicted_covariance() const { return predicted_covariance_; }
     [[nodiscard]] std::int32_t best_landmarks() const { return particles_[best_].count; }
+    /// Share of the walls seen lately that no landmark explains within its covariance; zero where walls are straight, firm and
+    /// alone, a half in an office (docs/maths/scan_match.md#lead).
+    [[nodiscard]] float doubtful_walls() const { return doubtful_; }
+    /// Walls have yet to prove themselves: starts at this share.
+    void doubt_walls(const float share) { doubtful_ = share; }
+    /// Share of the hits that lie on walls, lately.
+    [[nodiscard]] float hits_on_walls() const { return on_walls_; }
     void best_walls(Bounded<WallSegment, kMaxWalls>& out) const;
     [[nodiscard]] const Counters& counters() const { return counters_; }
 
@@ -82,10 +94,17 @@ private:
 
     /// Default: every particle looks for its landmarks each so many scans.
     static constexpr std::uint32_t kLookPeriod = 4;
+    static constexpr std::uint32_t kMergesPerStep = 10;  ///< particles whose landmarks are compared with one another in one step
+
+    static constexpr float kSound2 = 9.0F;   ///< a wall that is expected lies within this squared distance
+
+    /// Doubt beyond this finds no wall again, and in float it would drown what is known.
+    static constexpr float kSearchable_m2 = 1.0F;
 
     struct Assignment {
         std::int32_t landmark = -1;
         float noise_scale = 1.0F;  ///< the observation's covariance counts so many times
+        float distance2 = 0.0F;    ///< squared distance of the observation from what was expected
     };
     struct Belief {
         Pose2<Map, Body> pose;
@@ -96,7 +115,7 @@ private:
 
     void update_particle(Particle& particle, std::size_t index, const WallObservations& walls, const PoseMatch& match);
     [[nodiscard]] std::int32_t associate(const Particle& particle, const Belief& belief, const WallObservation& wall) const;
-    [[nodiscard]] float fuse(const Landmark& landmark, const WallObservation& wall, const Pose2<Map, Body>& predicted, Belief& belief, float& noise_scale) const;
+    [[nodiscard]] float fuse(const Landmark& landmark, const WallObservation& wall, const Pose2<Map, Body>& predicted, Belief& belief, Assignment& assignment) const;
     static void fuse_match(const PoseMatch& match, const Pose2<Map, Body>& predicted, Belief& belief);
     /// How far the map's frame may be off where this particle is, from the walls it is tied to (docs/maths/localisation.md#drift).
     [[nodiscard]] Matrix<float, 3, 3> drift_of(const Particle& particle, const std::array<Assignment, kMaxWallsPerScan>& assigned, std::size_t walls) const;
@@ -106,6 +125,8 @@ private:
     void look_for_landmarks(Particle& particle, const std::array<bool, kMaxLandmarks>& associated);
     void merge_landmarks(Particle& particle);
     void prepare_bearings(const LevelScan& scan);
+    void rejoin();
+    void judge_walls(const WallObservations& walls, const LevelScan& scan);
     void summarise();
     void resample();
     [[nodiscard]] std::size_t count() const;
@@ -113,12 +134,17 @@ private:
     const Parameters& parameters_;
     Random random_{1U};
     std::uint32_t step_ = 0;
+    bool following_ = false;
+    float doubtful_ = 0.0F;
+    float on_walls_ = 0.0F;
+    std::int32_t sound_ = 0;   ///< walls of this sweep that a landmark of the best particle explains
     std::size_t best_ = 0;
     Pose2<Map, Body> mean_;
     Matrix<float, 3, 3> spread_;                ///< covariance of the particles after the last update
     Matrix<float, 3, 3> motion_covariance_;     ///< of the increment, frame Body
     Matrix<float, 3, 3> widening_;              ///< frame Map, see MotionIncrement::pose_covariance
-    Matrix<float, 3, 3> predicted_covariance_;
+    Matrix<float, 3, 3> predicted_covariance_;  ///< at most kSearchable_m2 wider than the particles show
+    Matrix<float, 3, 3> whole_covariance_;      ///< the same without that limit
     Matrix<float, 3, 3> map_drift_;             ///< of the best particle after the last update
     std::array<float, kBearingBins> farthest_m_{};
     float range_max_m_ = 0.0F;

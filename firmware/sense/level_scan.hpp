@@ -26,6 +26,7 @@ struct LevelScan {
     std::int64_t t_us = 0;
     float range_max_m = 0.0F;
     float bearing_increment_rad = 0.0F;
+    float range_noise_m = 0.0F;       ///< standard deviation to reckon with (RangeNoise)
     Bounded<ScanPoint, kMaxBeams> points;
 };
 

@@ -72,6 +72,8 @@ void Leveller::prepare_directions(const Scan& scan) {
 
 void Leveller::level(const Scan& scan, const SweepMotion& motion, const HeightBounds& bounds, LevelScan& out) {
     prepare_directions(scan);
+    noise_.add(scan);
+    out.range_noise_m = noise_.sigma_m();
     out.t_us = scan.t_us;
     out.range_max_m = scan.range_max_m;
     out.bearing_increment_rad = std::abs(scan.bearing_increment_rad);

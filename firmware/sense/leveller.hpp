@@ -11,6 +11,7 @@
 #include "core/bounded.hpp"
 #include "params.gen.hpp"
 #include "sense/level_scan.hpp"
+#include "sense/range_noise.hpp"
 #include "sense/samples.hpp"
 
 namespace noctule {
@@ -42,7 +43,7 @@ public:
         std::uint32_t beams_ceiling = 0;   ///< ended on the ceiling
     };
 
-    explicit Leveller(const Parameters& parameters) : parameters_(parameters) {}
+    explicit Leveller(const Parameters& parameters) : parameters_(parameters), noise_(parameters) {}
 
     /// Fills out from a scan that passed SampleChecker. motion must hold at least one node.
     void level(const Scan& scan, const SweepMotion& motion, const HeightBounds& bounds, LevelScan& out);
@@ -53,6 +54,7 @@ private:
     void prepare_directions(const Scan& scan);
 
     const Parameters& parameters_;
+    RangeNoise noise_;
     std::array<float, kMaxBeams> cos_{};   ///< of the beam's direction in Body
     std::array<float, kMaxBeams> sin_{};
     std::int32_t count_ = 0;

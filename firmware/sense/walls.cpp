@@ -54,6 +54,7 @@ void WallExtractor::collect_hits(const LevelScan& scan) {
 }
 
 const WallObservations& WallExtractor::extract(const LevelScan& scan) {
+    noise_m_ = scan.range_noise_m > 0.0F ? scan.range_noise_m : parameters_.laser_range_noise_m;
     walls_.clear();
     wall_of_point_.fill(-1);
     collect_hits(scan);
@@ -98,7 +99,7 @@ void WallExtractor::split_and_merge(const LevelScan& scan) {
             const std::int32_t beams = point_b.beam - point_a.beam;
             const float turn_rad = static_cast<float>(beams) * scan.bearing_increment_rad;
             const float near_m = std::min(point_a.range_m, point_b.range_m);
-            const float reach_m = near_m * turn_rad / std::max(0.02F, kJumpIncidence_rad - turn_rad) + 4.0F * parameters_.laser_range_noise_m;
+            const float reach_m = near_m * turn_rad / std::max(0.02F, kJumpIncidence_rad - turn_rad) + 4.0F * noise_m_;
             cut = beams > kBridgedBeams || std::hypot(x_m_[b] - x_m_[a], y_m_[b] - y_m_[a]) > reach_m;
         }
         if (cut) {
@@ -126,7 +127,7 @@ void WallExtractor::split(const Piece cluster) {
     open_.clear();
     static_cast<void>(open_.push(cluster));
     // Each turn takes one piece and gives two smaller ones or a finished one: at most 2 n turns.
-    const double limit_m = static_cast<double>((parameters_.wall_inlier_sigma + 1.0F) * parameters_.laser_range_noise_m);
+    const double limit_m = static_cast<double>((parameters_.wall_inlier_sigma + 1.0F) * noise_m_);
     while (!open_.empty()) {
         const Piece piece = open_.back();
         open_.remove_unordered(open_.size() - 1);
@@ -165,7 +166,7 @@ void WallExtractor::split(const Piece cluster) {
 
 void WallExtractor::merge() {
     // Neighbours whose joint line is not worse than the two lines, by a chi-square test (docs/maths/walls.md, equation 5).
-    const double noise_m = static_cast<double>(parameters_.laser_range_noise_m);
+    const double noise_m = static_cast<double>(noise_m_);
     const double variance_m2 = noise_m * noise_m;
     std::size_t kept = 0;
     for (std::size_t i = 1; i < pieces_.size(); ++i) {
@@ -225,7 +226,7 @@ void WallExtractor::mark_round_runs() {
 }
 
 void WallExtractor::fit_and_add(const LevelScan& scan) {
-    const float sigma_range = parameters_.laser_range_noise_m;
+    const float sigma_range = noise_m_;
     const float sigma_bearing = parameters_.laser_bearing_noise_rad;
     const float inlier = parameters_.wall_inlier_sigma;
     std::int32_t used = member_count_;
@@ -375,7 +376,7 @@ void WallExtractor::fit_and_add(const LevelScan& scan) {
 
 void WallExtractor::ransac(const LevelScan& scan) {
     taken_.fill(false);
-    const float reach_m = parameters_.wall_inlier_sigma * parameters_.laser_range_noise_m;
+    const float reach_m = parameters_.wall_inlier_sigma * noise_m_;
     while (!walls_.full()) {
         std::int32_t best_count = 0;
         std::array<float, 3> best{};

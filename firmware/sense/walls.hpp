@@ -76,6 +76,7 @@ private:
 
     const Parameters& parameters_;
     Random random_{20U};
+    float noise_m_ = 0.01F;                          ///< of the ranges of this sweep
     std::int32_t hit_count_ = 0;
     std::array<std::int16_t, kMaxBeams> hits_{};     ///< indices of points that hit something
     std::array<float, kMaxBeams> x_m_{};             ///< of the hits

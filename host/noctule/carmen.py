@@ -20,12 +20,6 @@ from noctule.record import RecordError
 READ = ("ODOM", "FLASER", "ROBOTLASER1")
 NO_RETURN_SHARE = 0.95       # of the greatest range in a FLASER log: from there on nothing was hit
 MAX_LASER_M = 100.0
-# Beams farther apart than this are sparse: at 5 m they lie 4 cm and more from each other, too few for the flight's small cells
-# and short walls. Such a log is replayed with SPARSE unless asked otherwise; the flight's own defaults are not touched.
-SPARSE_RAD = 0.007
-SPARSE = {"laser_range_noise_m": 0.02, "wall_length_min_m": 0.8, "outlier_sigma": 2.0,
-          "landmark_floor_m": 0.01, "landmark_floor_rad": 0.003, "association_floor_m": 0.03, "association_floor_rad": 0.02,
-          "point_cell_m": 0.8, "point_floor_m": 0.008, "point_floor_rad": 0.003}
 START_US = 1_000_000         # stamp of the first sweep; a log's own epoch does not fit the filter's clock
 
 
@@ -220,11 +214,6 @@ def _clean(log: Log, range_max_m: float | None) -> None:
                 log.layouts[k] = Layout(layout.bearing_first_rad, layout.bearing_increment_rad, layout.range_min_m, limit)
 
 
-def suggested(log: Log) -> dict[str, float]:
-    """Tunables for this log's laser, where the flight's defaults do not fit it."""
-    return dict(SPARSE) if abs(log.layouts[0].bearing_increment_rad) > SPARSE_RAD else {}
-
-
 @dataclass
 class Track:
     """What the localisation said of a log, one entry a sweep; poses in Map."""
@@ -357,16 +346,17 @@ class RelationErrors:
                 f"median {np.median(r):.3f} deg")
 
 
-def relation_errors(log: Log, t_s: np.ndarray, poses: np.ndarray, relations: np.ndarray) -> RelationErrors:
+def relation_errors(log: Log, t_s: np.ndarray, poses: np.ndarray, relations: np.ndarray, clock_s: float = 0.0) -> RelationErrors:
     """Kuemmerle's errors: how far the relative pose of each pair lies from the relation, translation and rotation apart.
 
     Args:
         t_s, poses: (N,) and (N, 3), the trajectory at the log's sweeps.
         relations: (M, 5) of read_relations.
+        clock_s: the log's clock less that of the relations.
     """
     translation, rotation, unused = [], [], 0
     for t1, t2, *truth in relations:
-        a, b = pose_at(log, t_s, poses, t1), pose_at(log, t_s, poses, t2)
+        a, b = pose_at(log, t_s, poses, t1 + clock_s), pose_at(log, t_s, poses, t2 + clock_s)
         if a is None or b is None:
             unused += 1
             continue

@@ -165,7 +165,6 @@ def parser() -> argparse.ArgumentParser:
                         help="set a tunable, by name or MAVLink id; may be repeated. A flight then differs from its log")
     replay.add_argument("--preset", choices=PRESETS, default="default", help="set of tunables to begin with; paper: as published")
     replay.add_argument("--range-max", type=_positive_range, metavar="M", help="laser ranges from here on are no returns (CARMEN)")
-    replay.add_argument("--as-flown", action="store_true", help="the flight's tunables even for a laser with sparse beams (CARMEN)")
     replay.add_argument("--no-map", dest="mapping", action="store_false", help="trajectory only (CARMEN)")
 
     again = commands.add_parser("report", help="make the report of a run again",
@@ -226,8 +225,7 @@ def _bench(options) -> int:
 def _replay(options) -> int:
     from noctule import replay
 
-    return replay.run(options.log, options.out, dict(options.param), options.preset, options.relations, options.range_max, options.mapping,
-                      options.as_flown)
+    return replay.run(options.log, options.out, dict(options.param), options.preset, options.relations, options.range_max, options.mapping)
 
 
 def _report(options) -> int:

@@ -308,8 +308,7 @@ def run_flight(path: Path, changed: dict[str, float], base: dict[str, float] | N
     return 0 if result.equal else 1
 
 
-def run_carmen(path: Path, out: Path, changed: dict[str, float], relations: Path | None, range_max_m: float | None, mapping: bool,
-               as_flown: bool) -> int:
+def run_carmen(path: Path, out: Path, changed: dict[str, float], relations: Path | None, range_max_m: float | None, mapping: bool) -> int:
     """Runs localisation and mapping over a CARMEN log, writes trajectory and map, prints timing and relations; 0."""
     from noctule import carmen
 
@@ -319,10 +318,6 @@ def run_carmen(path: Path, out: Path, changed: dict[str, float], relations: Path
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise RecordError(f"--out {out}: cannot be made ({error.strerror})") from None
-    fitted = {} if as_flown else {k: v for k, v in carmen.suggested(log).items() if k not in changed}
-    if fitted:
-        print("sparse beams: " + ", ".join(f"{k}={v:g}" for k, v in fitted.items()) + " (--as-flown keeps the flight's)")
-    changed = {**fitted, **changed}
     begin = time.monotonic()
     track = carmen.track(log, changed, mapping=mapping)
     wall_s = time.monotonic() - begin
@@ -346,7 +341,7 @@ def run_carmen(path: Path, out: Path, changed: dict[str, float], relations: Path
 
 
 def run(path: Path, out: Path | None, changed: dict[str, float], preset: str, relations: Path | None, range_max_m: float | None,
-        mapping: bool, as_flown: bool) -> int:
+        mapping: bool) -> int:
     """Replays a log of either kind and prints the outcome; the exit code.
 
     Raises:
@@ -367,6 +362,6 @@ def run(path: Path, out: Path | None, changed: dict[str, float], preset: str, re
             return run_flight(path, changed, base)
         name = path.name.removesuffix(".gz").removesuffix(".clf").removesuffix(".log") or "log"
         return run_carmen(path, out or Path("runs") / f"replay-{name}", {**(base or {}), **changed}, relations, range_max_m,
-                          mapping, as_flown)
+                          mapping)
     except LibraryMissing as error:
         raise RecordError(str(error)) from None

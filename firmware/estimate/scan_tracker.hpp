@@ -1,0 +1,54 @@
+/// The scan match beside the walls: keeps keyframes, matches each sweep with the map that they make around the vehicle.
+///
+/// Page: docs/maths/scan_match.md. Frame Map. No heap, not thread-safe.
+#pragma once
+
+#include "core/frames.hpp"
+#include "core/matrix.hpp"
+#include "estimate/keyframes.hpp"
+#include "estimate/scan_map.hpp"
+#include "estimate/scan_shape.hpp"
+#include "params.gen.hpp"
+#include "sense/level_scan.hpp"
+
+namespace noctule {
+
+class ScanTracker {
+public:
+    struct Counters {
+        std::uint32_t searches = 0;   ///< matches that needed the search over places and headings
+        std::uint32_t poor = 0;       ///< matches that explain too little of the sweep
+    };
+
+    explicit ScanTracker(const Parameters& parameters) : parameters_(parameters) {}
+
+    void clear() { frames_.clear(); }
+    /// Takes a sweep in, for match() and keep().
+    void take(const LevelScan& scan);
+    /// Where the sweep lies in the map, near a prediction with its covariance (x, y, yaw).
+    const ScanFit& match(const Pose2<Map, Body>& predicted, const Matrix<float, 3, 3>& covariance);
+    /// The pose that the sweep was given in the end: becomes a keyframe when one is due.
+    void keep(const Pose2<Map, Body>& pose);
+
+    [[nodiscard]] const ScanFit& fit() const { return fit_; }
+    [[nodiscard]] const Counters& counters() const { return counters_; }
+    [[nodiscard]] const Keyframes& frames() const { return frames_; }
+
+private:
+    const Parameters& parameters_;
+    ScanShape shape_;
+    ScanFit fit_;
+    Pose2<Map, Body> last_pose_;          ///< of the sweep before
+    Pose2<Body, Body> last_step_;         ///< of the sweep before against the one before it
+    float last_step_s_ = 0.0F;
+    float since_last_s_ = 0.0F;
+    std::int64_t t_us_ = 0;
+    float last_scale_ = 1.0F;
+    float usual_share_ = 0.6F;
+    [[nodiscard]] Pose2<Map, Body> as_before() const;
+    ScanMap map_;
+    Keyframes frames_;
+    Counters counters_;
+};
+
+}  // namespace noctule
