@@ -39,7 +39,8 @@ endif()
 # ---- for Python: the same Navigator in-process; and the allocator count that is preloaded into noctule-nav.
 # Neither goes together with the address sanitizer.
 if(NOT NOCTULE_SANITIZE)
-    add_library(noctule_sim_abi SHARED firmware/app/sim_abi.cpp firmware/app/altitude_abi.cpp firmware/app/replay_abi.cpp)
+    add_library(noctule_sim_abi SHARED firmware/app/sim_abi.cpp firmware/app/altitude_abi.cpp firmware/app/replay_abi.cpp
+                firmware/app/explore_abi.cpp)
     target_link_libraries(noctule_sim_abi PRIVATE noctule_link noctule_options)
     add_library(noctule_heap_count SHARED firmware/app/heap_count.cpp)
     target_include_directories(noctule_heap_count PRIVATE firmware)

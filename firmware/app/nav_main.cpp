@@ -112,6 +112,9 @@ void write_stats(const char* path, const std::int64_t heap_after_start, const Na
     } else {
         std::fprintf(file, "\"heap_allocations_after_start\": null, ");
     }
+    const noctule::Explorer::Counters explored = node.navigator().mission().explorer().counters();
+    std::fprintf(file, "\"explorer\": {\"goals\": %u, \"switches\": %u, \"back_and_forth\": %u, \"in_vain\": %u, \"stuck\": %u, \"passes\": %u}, ",
+                 explored.goals, explored.policy.switches, explored.back_and_forth, explored.policy.in_vain, explored.policy.stuck, explored.policy.passes);
     std::fprintf(file, "\"refused_messages\": %u, \"scans_replaced\": %u}\n", node.refused(), node.scans_replaced());
     std::fclose(file);
 }

@@ -94,6 +94,13 @@ std::size_t noctule_next(noctule_node* self, const char** channel, const std::ui
     return message.bytes.size();
 }
 
+/// The explorer's counters so far: goals, switches, back and forth, in vain, stuck, passes; zeros before the first message.
+void noctule_explorer_counters(const noctule_node* self, std::uint32_t* out) {
+    const noctule::Explorer::Counters c = self->node ? self->node->navigator().mission().explorer().counters() : noctule::Explorer::Counters{};
+    const std::uint32_t all[6] = {c.goals, c.policy.switches, c.back_and_forth, c.policy.in_vain, c.policy.stuck, c.policy.passes};
+    for (std::size_t k = 0; k < 6; ++k) { out[k] = all[k]; }
+}
+
 std::size_t noctule_navigator_bytes() { return sizeof(noctule::Navigator); }
 
 /// Beams a second of thread CPU that the grid takes up: so many sweeps of 1080 beams in a hall of 14 x 9 m, from places on a circle.

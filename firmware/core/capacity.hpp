@@ -35,6 +35,7 @@ inline constexpr std::size_t kTileDirectory = 2048;      ///< entries of the til
 inline constexpr std::size_t kMaxOpenCells = 131072;     ///< open entries of one search over the grid; a further one is dropped
 inline constexpr std::size_t kMaxFrontierCells = 32768;  ///< cells at the edge of the unknown in one pass; later ones wait for the next
 inline constexpr std::size_t kMaxFrontiers = 128;        ///< groups of them in one pass; the smallest gives way
+inline constexpr std::size_t kMaxStops = 64;             ///< stops of the explorer's tour, the vehicle is one; the farthest are left for later
 inline constexpr std::size_t kMaxTriedPlaces = 256;      ///< places that could not be looked into; the oldest gives way
 inline constexpr std::size_t kMaxTrailNodes = 2048;      ///< places flown, 0.7 m apart, with the way home; further ones are left out
 inline constexpr std::size_t kMaxPathPoints = 64;        ///< points of the path ahead, about 3 m; a longer one is cut

@@ -86,8 +86,39 @@ void CostField::start(const OccupancyGrid& grid, const CellId root, const std::i
     static_cast<void>(open.push(root, 0));
 }
 
+void RootGraph::clear(const std::size_t roots) {
+    size_ = roots;
+    for (std::size_t a = 0; a < roots; ++a) {
+        distance_[a].fill(CostField::kFar);
+        distance_[a][a] = 0;
+    }
+}
+
+void RootGraph::close() {
+    for (std::size_t k = 0; k < size_; ++k) {
+        for (std::size_t a = 0; a < size_; ++a) {
+            const std::uint32_t first = distance_[a][k];
+            if (first == CostField::kFar || a == k) { continue; }
+            for (std::size_t b = 0; b < size_; ++b) {
+                const std::uint32_t second = distance_[k][b];
+                if (second != CostField::kFar && first + second < distance_[a][b]) { distance_[a][b] = first + second; }
+            }
+        }
+    }
+}
+
+bool CostField::add_root(const CellId root, const std::uint8_t number, RootGraph& graph, OpenCells& open) {
+    const bool first = cost(root) != 0U;
+    if (first && !set(root, 0)) { return false; }
+    graph.nearest_[page_[static_cast<std::size_t>(root >> 12)]][static_cast<std::size_t>(root & 4095)] = number;
+    return !first || open.push(root, 0);
+}
+
 bool CostField::run(const OccupancyGrid& grid, const Traversability& where, OpenCells& open, const std::int32_t budget,
-                    const CellId until, const std::uint32_t beyond) {
+                    const CellId until, const std::uint32_t beyond, RootGraph* const graph) {
+    const auto owner = [this, graph](const CellId of) -> std::uint8_t& {
+        return graph->nearest_[page_[static_cast<std::size_t>(of >> 12)]][static_cast<std::size_t>(of & 4095)];
+    };
     if (done_) { return true; }
     CellId id = kNoCell;
     std::uint32_t at = 0;
@@ -115,7 +146,13 @@ bool CostField::run(const OccupancyGrid& grid, const Traversability& where, Open
             if (next_passable && !leads_on) { continue; }
             const float slow = next_passable ? where.slowness(next) : kTightFactor;
             const std::uint32_t through = unpack(pack(at + static_cast<std::uint32_t>(kSteps[d & 1] * std::min(slow, kSlowest))));
-            if (through < cost(next) && set(next, through)) { static_cast<void>(open.push(next, through)); }
+            const std::uint32_t known = cost(next);
+            if (through < known && set(next, through)) {
+                static_cast<void>(open.push(next, through));
+                if (graph != nullptr) { owner(next) = owner(id); }
+            } else if (graph != nullptr && known != kFar && owner(next) != owner(id)) {
+                graph->meet(owner(next), owner(id), through + known);
+            }
         }
     }
     return false;

@@ -43,6 +43,28 @@ private:
     std::uint32_t refused_ = 0;
 };
 
+/// Which of several roots a cell is nearest to, and how far the roots are from each other; filled while a field is computed.
+///
+/// Distances are exact between roots whose regions touch on the shortest way (Mehlhorn 1988), and from then on shortest sums of
+/// such. Root numbers are below kMaxStops.
+class RootGraph {
+public:
+    void clear(std::size_t roots);
+    /// Shortest sums: after the field is done.
+    void close();
+    [[nodiscard]] std::uint32_t between(const std::size_t a, const std::size_t b) const { return distance_[a][b]; }
+    [[nodiscard]] std::size_t size() const { return size_; }
+
+private:
+    friend class CostField;
+    void meet(std::uint8_t a, std::uint8_t b, std::uint32_t distance) {
+        if (distance < distance_[a][b]) { distance_[a][b] = distance_[b][a] = distance; }
+    }
+    std::array<std::array<std::uint8_t, kTileArea>, kMaxFieldTiles> nearest_{};  ///< root of a cell, in the field's pages; holds where the field has a cost
+    std::array<std::array<std::uint32_t, kMaxStops>, kMaxStops> distance_{};
+    std::size_t size_ = 0;
+};
+
 class CostField {
 public:
     static constexpr std::uint32_t kUnit = 64;
@@ -52,8 +74,12 @@ public:
     /// Cells within `free_radius` cells of the root may be tight and still lead on.
     void start(const OccupancyGrid& grid, CellId root, std::int32_t free_radius, OpenCells& open);
 
+    /// A further root at no cost. False: the open list or the field is full.
+    bool add_root(CellId root, std::uint8_t number, RootGraph& graph, OpenCells& open);
+
     /// Settles up to `budget` cells; true: done. Stops early once `until` is settled and all that costs `beyond` more.
-    bool run(const OccupancyGrid& grid, const Traversability& where, OpenCells& open, std::int32_t budget, CellId until, std::uint32_t beyond);
+    bool run(const OccupancyGrid& grid, const Traversability& where, OpenCells& open, std::int32_t budget, CellId until, std::uint32_t beyond,
+             RootGraph* graph = nullptr);
 
     /// kFar: not reached (yet).
     [[nodiscard]] std::uint32_t cost(const CellId id) const {

@@ -13,15 +13,14 @@ constexpr float kSamePlaceM = 0.35F;      ///< tried places within this are one
 constexpr float kFirstTryShare = 0.6F;    ///< each try in vain brings the next viewpoint nearer by this
 constexpr float kCutsCells = 0.4F;        ///< a line of sight this near to a hit point is cut there
 constexpr std::int32_t kTriesPerRound = 3;
-constexpr float kDistanceCost = 0.6F;    ///< metres of way that a metre less of viewing distance is worth
-constexpr float kTightCost = 1.2F;        ///< metres of way that a viewpoint with room round it is worth, times its slowness over one
+constexpr float kFarM = 1000.0F;          ///< what a viewpoint beyond ViewRule::near_m costs
 
 /// Class of the cell at a point, remembering the tile: rays stay in one for long.
 class Reader {
 public:
     explicit Reader(const OccupancyGrid& grid) : grid_(grid) {}
-    CellId find(const float x_m, const float y_m) {
-        const Cell c = grid_.geometry().cell(x_m, y_m);
+    CellId find(const float x_m, const float y_m) { return find(grid_.geometry().cell(x_m, y_m)); }
+    CellId find(const Cell c) {
         if (!known_ || (c.ix >> 6) != tile_x_ || (c.iy >> 6) != tile_y_) {
             tile_x_ = c.ix >> 6;
             tile_y_ = c.iy >> 6;
@@ -121,19 +120,47 @@ void FrontierSearch::gather(const OccupancyGrid& grid, const CellId seed) {
     }
 }
 
+// Unknown cells that hang together across edges with those beside the group.
+std::int32_t FrontierSearch::unknown_behind(const OccupancyGrid& grid) const {
+    constexpr std::int32_t kSide = 2 * kBehindCells + 1;
+    std::array<bool, static_cast<std::size_t>(kSide * kSide)> taken{};
+    std::array<std::int16_t, static_cast<std::size_t>(kSide * kSide)> queue{};
+    std::size_t size = 0;
+    const Cell middle = grid.cell(group_[group_.size() / 2U]);
+    Reader reader{grid};
+    const auto offer = [&](const std::int32_t x, const std::int32_t y) {
+        if (x < 0 || y < 0 || x >= kSide || y >= kSide) { return; }
+        const auto at = static_cast<std::size_t>(y * kSide + x);
+        if (taken[at]) { return; }
+        if (grid.cell_class(reader.find(Cell{middle.ix + x - kBehindCells, middle.iy + y - kBehindCells})) != CellClass::unknown) { return; }
+        taken[at] = true;
+        queue[size++] = static_cast<std::int16_t>(at);
+    };
+    const auto spread = [&](const std::int32_t x, const std::int32_t y) {
+        for (std::int32_t d = 0; d < 8; d += 2) { offer(x + kNeighbourX[d], y + kNeighbourY[d]); }
+    };
+    for (const CellId id : group_) {
+        const Cell c = grid.cell(id);
+        spread(c.ix - middle.ix + kBehindCells, c.iy - middle.iy + kBehindCells);
+    }
+    for (std::size_t k = 0; k < size; ++k) { spread(queue[k] % kSide, queue[k] / kSide); }
+    return static_cast<std::int32_t>(size);
+}
+
 // Rays from the frontier cell through free cells find the places that see it.
-bool FrontierSearch::view(const OccupancyGrid& grid, const Traversability& where, const CostField& from, const float distance_m,
-                          const CellId look, Frontier& best, const float home_x_m, const float home_y_m, const bool past_corners) const {
+bool FrontierSearch::view(const OccupancyGrid& grid, const Traversability& where, const CostField& from, const ViewRule& rule,
+                          const float distance_m, const CellId look, Frontier& best, const float home_x_m, const float home_y_m, const bool past_corners) const {
     const GridGeometry& g = grid.geometry();
     const Cell c = grid.cell(look);
     const float x_m = g.centre_x_m(c);
     const float y_m = g.centre_y_m(c);
     const float step_m = g.cell_m();
     Reader reader{grid};
-    float best_score = best.view == kNoCell ? 1e9F
-                                            : static_cast<float>(best.cost) / static_cast<float>(CostField::kUnit) * step_m +
-                                                  kDistanceCost * std::hypot(best.view_x_m - best.x_m, best.view_y_m - best.y_m) +
-                                                  kTightCost * (where.slowness(best.view) - 1.0F);
+    const auto score_of = [&](const CellId id, const std::uint32_t cost, const float away_m) {
+        return static_cast<float>(cost) / static_cast<float>(CostField::kUnit) * step_m + rule.distance_cost * away_m +
+               rule.tight_cost * (where.slowness(id) - 1.0F) + (rule.near_m > 0.0F && away_m > rule.near_m ? kFarM : 0.0F);
+    };
+    float best_score = best.view == kNoCell ? 1e9F : score_of(best.view, best.cost, std::hypot(best.view_x_m - best.x_m, best.view_y_m - best.y_m));
     bool found = false;
     for (std::int32_t k = 0; k < kRays; ++k) {
         const float angle = 2.0F * kPi * static_cast<float>(k) / static_cast<float>(kRays);
@@ -157,8 +184,7 @@ bool FrontierSearch::view(const OccupancyGrid& grid, const Traversability& where
             if (!where.passable(id)) { continue; }
             const std::uint32_t cost = from.cost(id);
             if (cost == CostField::kFar) { continue; }
-            const float score = static_cast<float>(cost) / static_cast<float>(CostField::kUnit) * step_m + kDistanceCost * r +
-                                kTightCost * (where.slowness(id) - 1.0F);
+            const float score = score_of(id, cost, r);
             if (score >= best_score) { continue; }
             const Cell v = grid.cell(id);
             if (std::hypot(g.centre_x_m(v) - x_m, g.centre_y_m(v) - y_m) > distance_m) { continue; }
@@ -197,7 +223,7 @@ void FrontierSearch::keep(const Frontier& f) {
 }
 
 bool FrontierSearch::run(const OccupancyGrid& grid, const Traversability& where, const CostField& from, const TriedPlaces& tried,
-                         const float home_x_m, const float home_y_m, const std::int64_t t_us) {
+                         const ViewRule& rule, const float home_x_m, const float home_y_m, const std::int64_t t_us) {
     if (tile_ < grid.tile_count()) {
         for (std::int32_t k = 0; k < kTilesPerSlice && tile_ < grid.tile_count(); ++k) { scan_tile(grid, tile_++); }
         return false;
@@ -208,8 +234,10 @@ bool FrontierSearch::run(const OccupancyGrid& grid, const Traversability& where,
         if (groups == kGroupsPerSlice) { return false; }
         gather(grid, seed);
         if (static_cast<std::int32_t>(group_.size()) < p_.frontier_min_cells) { continue; }
-        ++groups;
         Frontier f;
+        f.behind = unknown_behind(grid);
+        if (f.behind < rule.behind_min) { continue; }
+        ++groups;
         f.cells = static_cast<std::int32_t>(group_.size());
         bool waits = false;
         const std::size_t count = group_.size();
@@ -222,7 +250,7 @@ bool FrontierSearch::run(const OccupancyGrid& grid, const Traversability& where,
                     waits = true;
                     continue;
                 }
-                static_cast<void>(view(grid, where, from, distance_m, group_[member], f, home_x_m, home_y_m, past_corners == 1));
+                static_cast<void>(view(grid, where, from, rule, distance_m, group_[member], f, home_x_m, home_y_m, past_corners == 1));
             }
         }
         if (f.view != kNoCell) {

@@ -26,6 +26,15 @@ struct Frontier {
     float view_y_m = 0.0F;
     std::uint32_t cost = CostField::kFar;  ///< of the way to the viewpoint from the root of the field
     std::int32_t cells = 0;   ///< size of the group
+    std::int32_t behind = 0;  ///< unknown cells that hang together behind it, within kBehindCells of its middle
+};
+
+/// What makes a good viewpoint, and which groups are looked for.
+struct ViewRule {
+    float distance_cost = 0.6F;   ///< metres of way that a metre less of viewing distance is worth
+    float tight_cost = 1.2F;      ///< metres of way that a viewpoint with room round it is worth, times its slowness over one
+    float near_m = 0.0F;          ///< over 0: a viewpoint farther than this only where there is none nearer
+    std::int32_t behind_min = 0;  ///< groups with fewer unknown cells behind them are left out
 };
 
 /// Places that were looked at in vain.
@@ -55,7 +64,7 @@ public:
 
     void start();
     /// One slice; true: the pass is complete and found() holds it.
-    bool run(const OccupancyGrid& grid, const Traversability& where, const CostField& from, const TriedPlaces& tried,
+    bool run(const OccupancyGrid& grid, const Traversability& where, const CostField& from, const TriedPlaces& tried, const ViewRule& rule,
              float home_x_m, float home_y_m, std::int64_t t_us);
     [[nodiscard]] const Bounded<Frontier, kMaxFrontiers>& found() const { return found_; }
     /// Groups of the last pass that are large enough but that nothing reachable can look into.
@@ -69,10 +78,12 @@ private:
     static constexpr std::int32_t kGroupsPerSlice = 16;
     static constexpr std::int32_t kGroupRadius = 7;   ///< cells from the first one of a group; wider edges are several groups
     static constexpr std::size_t kGroupCells = 256;
+    static constexpr std::int32_t kBehindCells = 12;  ///< half edge of the square in which the unknown behind a group is counted
     void scan_tile(const OccupancyGrid& grid, std::int32_t slot);
     void gather(const OccupancyGrid& grid, CellId seed);
-    bool view(const OccupancyGrid& grid, const Traversability& where, const CostField& from, float distance_m, CellId look, Frontier& best,
-              float home_x_m, float home_y_m, bool past_corners) const;
+    [[nodiscard]] std::int32_t unknown_behind(const OccupancyGrid& grid) const;
+    bool view(const OccupancyGrid& grid, const Traversability& where, const CostField& from, const ViewRule& rule, float distance_m, CellId look,
+              Frontier& best, float home_x_m, float home_y_m, bool past_corners) const;
     [[nodiscard]] bool marked(const CellId id) const {
         return (marks_[static_cast<std::size_t>(id >> 12)][static_cast<std::size_t>((id >> 6) & 63)] >> static_cast<unsigned>(id & 63) & 1U) != 0U;
     }

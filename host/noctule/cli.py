@@ -7,8 +7,8 @@ import json
 import sys
 from pathlib import Path
 
-from noctule.settings import (AUTOPILOTS, DEFAULT_MAX_TIME_S, EXIT_SKIPPED, PRESETS, PROFILES, REAL_AUTOPILOTS, FlightSettings,
-                              InputError, SkippedFlight, parse_fault, parse_parameter)
+from noctule.settings import (AUTOPILOTS, DEFAULT_MAX_TIME_S, EXIT_SKIPPED, POLICIES, PRESETS, PROFILES, REAL_AUTOPILOTS,
+                              FlightSettings, InputError, SkippedFlight, parse_fault, parse_parameter)
 
 ABOUT = """\
 Noctule flies a micro-aerial vehicle through a building it has never seen, maps it, and comes home.
@@ -133,6 +133,7 @@ def parser() -> argparse.ArgumentParser:
                      help="set a tunable, by name or MAVLink id (docs/parameters.md); may be repeated")
     fly.add_argument("--preset", choices=PRESETS, default="default", help="set of tunables to begin with; paper: as published")
     fly.add_argument("--profile", choices=PROFILES, default="default", help="how good the sensors are")
+    fly.add_argument("--policy", choices=POLICIES, help="who decides where to look next (default: the preset's; tour unless --preset paper)")
     fly.add_argument("--fault", action=_Plain, check=parse_fault, default=[], metavar="NAME@T",
                      help="inject a fault at T simulated seconds (for instance odometry-cut@40); may be repeated")
     fly.add_argument("--log-images", action="store_true", help="record the camera's images (46 MB a minute and more)")
@@ -188,8 +189,11 @@ def parser() -> argparse.ArgumentParser:
 def _fly(options) -> int:
     from noctule import flight
 
+    parameters = dict(options.param)
+    if options.policy is not None:
+        parameters["policy"] = POLICIES.index(options.policy)
     settings = FlightSettings(world=options.world, seed=options.seed, out=options.out, realtime=options.realtime,
-                              camera=options.camera, max_time_s=options.max_time, parameters=dict(options.param),
+                              camera=options.camera, max_time_s=options.max_time, parameters=parameters,
                               preset=options.preset, profile=options.profile, faults=options.fault,
                               log_images=options.log_images, autopilot=options.autopilot,
                               real=None if options.real == "builtin" else options.real,

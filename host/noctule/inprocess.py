@@ -24,6 +24,15 @@ def library_path():
     return path
 
 
+def library():
+    """The shared library, loaded.
+
+    Raises:
+        LibraryMissing: it was not built.
+    """
+    return ctypes.CDLL(str(library_path()))
+
+
 def _load():
     library = ctypes.CDLL(str(library_path()))
     library.noctule_create.restype = ctypes.c_void_p
@@ -34,6 +43,7 @@ def _load():
     library.noctule_step_with.argtypes = [ctypes.c_void_p] + [ctypes.c_int] * 8
     library.noctule_next.argtypes = [ctypes.c_void_p, ctypes.POINTER(ctypes.c_char_p), ctypes.POINTER(ctypes.c_void_p)]
     library.noctule_next.restype = ctypes.c_size_t
+    library.noctule_explorer_counters.argtypes = [ctypes.c_void_p, ctypes.POINTER(ctypes.c_uint32)]
     library.noctule_navigator_bytes.restype = ctypes.c_size_t
     library.noctule_grid_beams_per_s.argtypes = [ctypes.c_int]
     library.noctule_grid_beams_per_s.restype = ctypes.c_double
@@ -87,6 +97,14 @@ class Node:
     def step_with(self, imu, attitude, range_up, range_down, vehicle, command, baro=0, parameters=0):
         """Runs the step of the waiting scan with so many samples. False: fewer are there, nothing was done."""
         return Node._library.noctule_step_with(self._handle, imu, attitude, range_up, range_down, vehicle, command, baro, parameters) == 1
+
+    def explorer(self):
+        """Counters of the exploration so far: dict of report.EXPLORER_COUNTERS."""
+        from noctule.report import EXPLORER_COUNTERS
+
+        out = (ctypes.c_uint32 * len(EXPLORER_COUNTERS))()
+        Node._library.noctule_explorer_counters(self._handle, out)
+        return dict(zip(EXPLORER_COUNTERS, map(int, out)))
 
     def outputs(self):
         """What came out since the last call: list of (channel, bytes) in the order of publishing."""

@@ -153,10 +153,11 @@ def fly(settings: FlightSettings, world, folder: Path) -> dict:
     try:
         with Node(values) as node, (folder / "truth.csv").open("w", newline="", encoding="utf-8") as truth:
             steps_us = _loop(simulation, node, log, csv.writer(truth))
+            explorer = node.explorer()
     finally:
         log.close()
         simulation.close()
-    _write_ends(folder, settings, world, simulation, steps_us, time.monotonic() - begin)
+    _write_ends(folder, settings, world, simulation, steps_us, explorer, time.monotonic() - begin)
     return report.write(folder)
 
 
@@ -212,7 +213,7 @@ def _loop(simulation: Simulation, node: Node, log, truth) -> list[float]:
     return steps_us
 
 
-def _write_ends(folder: Path, settings: FlightSettings, world, simulation: Simulation, steps_us: list[float], wall_s: float) -> None:
+def _write_ends(folder: Path, settings: FlightSettings, world, simulation: Simulation, steps_us: list[float], explorer: dict, wall_s: float) -> None:
     outcome = simulation.outcome
     clearance = simulation.min_clearance_m
     sim = {"outcome": outcome.name, "text": outcome.text, "reasons": simulation.touched, "collisions": simulation.collisions,
@@ -222,7 +223,7 @@ def _write_ends(folder: Path, settings: FlightSettings, world, simulation: Simul
     times = np.array(steps_us) if steps_us else np.zeros(1)
     stats = {"steps": len(steps_us), "step_us": {"p50": float(np.percentile(times, 50)), "p99": float(np.percentile(times, 99)),
                                                 "max": float(times.max())},
-             "navigator_bytes": navigator_bytes(), "rss_kib": None, "heap_allocations_after_start": None}
+             "navigator_bytes": navigator_bytes(), "rss_kib": None, "heap_allocations_after_start": None, "explorer": explorer}
     (folder / "log" / "nav-stats.json").write_text(json.dumps(stats) + "\n", encoding="utf-8")
     run = {"world": world.name, "seed": settings.seed, "profile": settings.profile, "preset": settings.preset,
            "autopilot": settings.autopilot, "parameters": settings.parameters, "faults": settings.faults, "camera": False,

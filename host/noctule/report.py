@@ -14,6 +14,8 @@ import numpy as np
 from noctule import draw, map_score, record, score
 from noctule.score import ExploredScore, StartPose
 
+EXPLORER_COUNTERS = ("goals", "switches", "back_and_forth", "in_vain", "stuck", "passes")   # of noctule-nav's statistics
+
 STATES = ("waiting", "taking off", "looking around", "exploring", "returning home", "landing", "landed", "aborted",
           "paused")
 RETURNING, LANDING, LANDED, ABORTED = 4, 5, 6, 7
@@ -249,6 +251,7 @@ def build(run: Run) -> tuple[dict, score.PoseErrors, list[tuple[float, float]]]:
         "step_ms": {k: _number(step_us[k] * 1e-3, 4) if step_us.get(k) is not None else None for k in ("p50", "p99", "max")},
         "memory": {"navigator_bytes": whole(stats.get("navigator_bytes")), "rss_kib": whole(stats.get("rss_kib")),
                    "heap_allocations_after_start": whole(stats.get("heap_allocations_after_start"))},
+        "explorer": ({k: whole(stats["explorer"].get(k)) for k in EXPLORER_COUNTERS} if stats.get("explorer") else None),
         "guard_interventions": int(nav["guard_interventions"][-1]) if nav["t_us"].size else 0,
         "camera": bool(settings.get("camera", False)),
         "profile": settings.get("profile", "default"),

@@ -8,6 +8,7 @@ from pathlib import Path
 
 PROFILES = ("ideal", "default", "harsh")
 PRESETS = ("default", "paper")
+POLICIES = ("tour", "frontier", "paper")       # in the order of the parameter's values
 AUTOPILOTS = ("px4", "ardupilot")              # flavours of the built-in one
 REAL_AUTOPILOTS = ("ardupilot", "px4")
 EXIT_SKIPPED = 77                              # the real autopilot's program is not there: nothing was flown

@@ -24,9 +24,9 @@ void expect_explored(const FlatWorld& world, const double most_s, const double l
     loop->pose_noise_m = 0.01;
     const test::Result r = test::fly(*loop, most_s);
     const double share = test::explored_share(world, loop->grid, loop->range_max_m);
-    const auto& c = loop->mission.explorer().counters();
+    const auto c = loop->mission.explorer().counters();
     std::printf("  %.0f s, %.0f m, nearest %.3f m, home within %.2f m, seen %.4f, goals %u, switched %u, in vain %u\n", r.time_s, r.length_m,
-                r.least_clearance_m - static_cast<double>(p.hull_radius_m), r.home_error_m, share, c.goals, c.switches, c.in_vain);
+                r.least_clearance_m - static_cast<double>(p.hull_radius_m), r.home_error_m, share, c.goals, c.policy.switches, c.policy.in_vain);
     TEST_ASSERT_TRUE_MESSAGE(r.completed, "did not complete");
     TEST_ASSERT_TRUE_MESSAGE(r.least_clearance_m > static_cast<double>(p.hull_radius_m), "touched something");
     TEST_ASSERT_TRUE_MESSAGE(share >= least_share, "saw too little");

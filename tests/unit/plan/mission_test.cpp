@@ -266,7 +266,7 @@ void a_vehicle_that_is_held_back_gives_up_goal_by_goal_and_then_lands() {
     d->p.progress_time_s = 3600.0F;                  // the mission's own patience does not end it first
     d->explore_hall();                               // half of a hall unknown, and the vehicle does not follow its setpoints
     d->steps(20 * 20);
-    TEST_ASSERT_TRUE(d->mission.explorer().counters().stuck > 0U);
+    TEST_ASSERT_TRUE(d->mission.explorer().counters().policy.stuck > 0U);
     for (int k = 0; k < 20 * 400 && d->mission.state() == MissionState::exploring; ++k) { d->step(); }
     expect(*d, MissionState::returning_home, StateReason::nothing_left);
     d->estimate.planar.pose_map_body.x_m = 1.0F;     // and not home either

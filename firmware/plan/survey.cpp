@@ -1,0 +1,43 @@
+#include "plan/survey.hpp"
+
+#include <limits>
+
+namespace noctule {
+
+CellId root_near(const OccupancyGrid& grid, const Traversability& where, const float x_m, const float y_m) {
+    const Cell here = grid.geometry().cell(x_m, y_m);
+    const auto reach = static_cast<std::int32_t>(grid.geometry().to_cells(0.5F));
+    CellId best = kNoCell;
+    float nearest = std::numeric_limits<float>::infinity();
+    for (std::int32_t dy = -reach; dy <= reach; ++dy) {
+        for (std::int32_t dx = -reach; dx <= reach; ++dx) {
+            const CellId id = grid.find(Cell{here.ix + dx, here.iy + dy});
+            const auto d2 = static_cast<float>(dx * dx + dy * dy);
+            if (d2 < nearest && where.clearance_cm(id) > 0) {
+                nearest = d2;
+                best = id;
+            }
+        }
+    }
+    return best;
+}
+
+bool Survey::run(const MapView& map, const ViewRule& rule, const std::int32_t budget_cells) {
+    if (budget_cells <= 0) { return false; }
+    if (phase_ == Phase::idle) {
+        costs_.start(map.grid, root_near(map.grid, map.where, map.from.x_m, map.from.y_m), kRootRadius, open_);
+        phase_ = Phase::costs;
+    }
+    if (phase_ == Phase::costs) {
+        const std::int32_t before = costs_.settled();
+        if (!costs_.run(map.grid, map.where, open_, budget_cells, kNoCell, 0)) { return false; }
+        phase_ = Phase::edge;
+        search_.start();
+        if (costs_.settled() - before > budget_cells / 2) { return false; }  // the rest of the budget would not do
+    }
+    if (!search_.run(map.grid, map.where, costs_, tried_, rule, map.home.x_m, map.home.y_m, map.t_us)) { return false; }
+    phase_ = Phase::idle;
+    return true;
+}
+
+}  // namespace noctule

@@ -1,0 +1,53 @@
+/// A pass over the map, a slice a step: costs from the vehicle, then the edge of the unknown with its viewpoints.
+///
+/// Working memory that policies share; one of them runs at a time. Frame Map. No heap.
+#pragma once
+
+#include <cstdint>
+
+#include "map/occupancy_grid.hpp"
+#include "params.gen.hpp"
+#include "plan/cost_field.hpp"
+#include "plan/frontier.hpp"
+#include "plan/policy.hpp"
+
+namespace noctule {
+
+/// The cell of a point, or the nearest free one within half a metre.
+[[nodiscard]] CellId root_near(const OccupancyGrid& grid, const Traversability& where, float x_m, float y_m);
+
+inline constexpr std::int32_t kRootRadius = 5;        ///< cells round start and goal where tight cells lead on
+
+class Survey {
+public:
+    explicit Survey(const Parameters& parameters) : search_(parameters), tried_(parameters) {}
+
+    void begin() {
+        restart();
+        tried_.clear();
+        costs_.clear();
+    }
+    /// The pass under way is dropped, the next one begins with the costs.
+    void restart() { phase_ = Phase::idle; }
+    /// The edge is looked for anew with the costs at hand.
+    void look_again() {
+        if (phase_ == Phase::edge) { search_.start(); }
+    }
+    /// One slice; true: the pass is complete, and the next call begins a new one.
+    bool run(const MapView& map, const ViewRule& rule, std::int32_t budget_cells);
+
+    [[nodiscard]] const CostField& costs() const { return costs_; }       ///< from the vehicle, of the last pass
+    [[nodiscard]] const FrontierSearch& search() const { return search_; }
+    [[nodiscard]] TriedPlaces& tried() { return tried_; }
+    [[nodiscard]] OpenCells& open() { return open_; }                     ///< for searches between two passes
+
+private:
+    enum class Phase : std::uint8_t { idle, costs, edge };
+    OpenCells open_;
+    CostField costs_;
+    FrontierSearch search_;
+    TriedPlaces tried_;
+    Phase phase_ = Phase::idle;
+};
+
+}  // namespace noctule

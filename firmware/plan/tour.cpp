@@ -1,0 +1,141 @@
+#include "plan/tour.hpp"
+
+#include <algorithm>
+
+namespace noctule {
+
+namespace {
+
+constexpr float kLeastGainM = 0.01F;
+constexpr std::size_t kLongestRun = 3;   ///< stops that Or-opt moves at once
+
+}  // namespace
+
+void Tour::begin(const std::size_t stops) {
+    stops_ = std::min(stops, kMaxStops - 1U);
+    bonus_.fill(0.0F);
+    for (auto& row : distance_) { row.fill(0.0F); }
+}
+
+float Tour::length_m(const Order& order) const {
+    float sum = 0.0F;
+    for (std::size_t k = 0; k < order.size(); ++k) { sum += step(order, k); }
+    return order.empty() ? 0.0F : sum - bonus_[order[order.size() - 1U]];
+}
+
+void Tour::insert_missing(Order& order, const std::size_t fixed) const {
+    std::array<bool, kMaxStops> in{};
+    for (const std::uint8_t stop : order) { in[stop] = true; }
+    for (;;) {
+        float best = 1e30F;
+        std::size_t best_at = 0;
+        std::uint8_t best_stop = 0;
+        for (std::size_t s = 1; s <= stops_; ++s) {
+            if (in[s]) { continue; }
+            for (std::size_t at = fixed; at <= order.size(); ++at) {
+                const std::size_t before = at == 0 ? 0 : order[at - 1U];
+                float more = distance_[before][s];
+                if (at < order.size()) {
+                    more += distance_[s][order[at]] - distance_[before][order[at]];
+                } else {
+                    more += (order.empty() ? 0.0F : bonus_[order[at - 1U]]) - bonus_[s];
+                }
+                if (more < best) {
+                    best = more;
+                    best_at = at;
+                    best_stop = static_cast<std::uint8_t>(s);
+                }
+            }
+        }
+        if (best_stop == 0 || !order.push(best_stop)) { return; }
+        in[best_stop] = true;
+        std::rotate(order.begin() + best_at, order.end() - 1, order.end());
+    }
+}
+
+bool Tour::reverse_once(Order& order, const std::size_t fixed) const {
+    const std::size_t n = order.size();
+    for (std::size_t i = fixed; i + 1U < n; ++i) {
+        const std::size_t before = i == 0 ? 0 : order[i - 1U];
+        for (std::size_t j = i + 1U; j < n; ++j) {
+            float gain = distance_[before][order[i]] - distance_[before][order[j]];
+            if (j + 1U < n) {
+                gain += distance_[order[j]][order[j + 1U]] - distance_[order[i]][order[j + 1U]];
+            } else {
+                gain += bonus_[order[i]] - bonus_[order[j]];
+            }
+            if (gain > kLeastGainM) {
+                std::reverse(order.begin() + i, order.begin() + j + 1U);
+                return true;
+            }
+        }
+    }
+    return false;
+}
+
+bool Tour::move_once(Order& order, const std::size_t fixed) const {
+    const std::size_t n = order.size();
+    const auto at = [&order](const std::size_t k) { return k == 0 ? std::size_t{0} : std::size_t{order[k - 1U]}; };  // 1-based, 0 is the start
+    for (std::size_t run = 1; run <= kLongestRun; ++run) {
+        for (std::size_t i = fixed + 1U; i + run <= n + 1U; ++i) {     // stops i to j of the tour
+            const std::size_t j = i + run - 1U;
+            const std::size_t a = at(i);
+            const std::size_t b = at(j);
+            float out = distance_[at(i - 1U)][a];
+            if (j < n) {
+                out += distance_[b][at(j + 1U)] - distance_[at(i - 1U)][at(j + 1U)];
+            } else {
+                out += bonus_[at(i - 1U)] - bonus_[b];
+            }
+            if (j == n && i == 1U) { continue; }
+            for (std::size_t k = fixed; k <= n; ++k) {                 // put in after stop k
+                if (k + 1U >= i && k <= j) { continue; }
+                for (int turned = 0; turned < (run > 1U ? 2 : 1); ++turned) {
+                    const std::size_t head = turned != 0 ? b : a;
+                    const std::size_t tail = turned != 0 ? a : b;
+                    float in = distance_[at(k)][head];
+                    if (k < n) {
+                        in += distance_[tail][at(k + 1U)] - distance_[at(k)][at(k + 1U)];
+                    } else {
+                        in += bonus_[at(k)] - bonus_[tail];
+                    }
+                    if (out - in <= kLeastGainM) { continue; }
+                    if (turned != 0) { std::reverse(order.begin() + (i - 1U), order.begin() + j); }
+                    if (k < i) {
+                        std::rotate(order.begin() + k, order.begin() + (i - 1U), order.begin() + j);
+                    } else {
+                        std::rotate(order.begin() + (i - 1U), order.begin() + j, order.begin() + k);
+                    }
+                    return true;
+                }
+            }
+        }
+    }
+    return false;
+}
+
+float Tour::improve(Order& order, const std::uint8_t first) const {
+    std::size_t fixed = 0;
+    if (first != kAny) {
+        for (std::size_t k = 0; k < order.size(); ++k) {
+            if (order[k] == first) {
+                std::rotate(order.begin(), order.begin() + k, order.begin() + k + 1U);
+                fixed = 1;
+                break;
+            }
+        }
+        if (fixed == 0) {
+            static_cast<void>(order.push(first));
+            std::rotate(order.begin(), order.end() - 1, order.end());
+            fixed = 1;
+        }
+    }
+    insert_missing(order, fixed);
+    for (int round = 0; round < kRounds; ++round) {
+        if (reverse_once(order, fixed)) { continue; }
+        if (!move_once(order, fixed)) { break; }
+    }
+    return length_m(order);
+}
+
+}  // namespace noctule

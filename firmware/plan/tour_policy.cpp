@@ -1,0 +1,246 @@
+#include "plan/tour_policy.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "core/angle.hpp"
+
+namespace noctule {
+
+namespace {
+
+constexpr std::int64_t kPeriodUs = 400000;    ///< between two passes while the goal is good
+constexpr float kSameGoalM = 0.5F;
+constexpr float kOneStopM = 1.0F;             ///< viewpoints within this that see each other are one stop
+constexpr std::int64_t kDwellUs = 300000;     ///< looking this long without news is in vain
+constexpr float kArrivedM = 0.15F;
+constexpr float kInSightRad = 2.0F;           ///< off the heading, what the laser is sure to see (270 degrees)
+constexpr float kNewsM2 = 1.0F;               ///< area that must have become known before a goal that was left is taken again
+constexpr float kBetterViewM = 0.3F;
+
+float metres(const MapView& map, const std::uint32_t cost) {
+    return cost == CostField::kFar ? 1e4F : static_cast<float>(cost) / static_cast<float>(CostField::kUnit) * map.grid.geometry().cell_m();
+}
+
+float apart(const Frontier& a, const Frontier& b) { return std::hypot(a.x_m - b.x_m, a.y_m - b.y_m); }
+
+float viewing_distance(const Frontier& f) { return std::hypot(f.view_x_m - f.x_m, f.view_y_m - f.y_m); }
+
+}  // namespace
+
+void TourPolicy::begin(const Pose2<Map, Body>& home) {
+    static_cast<void>(home);
+    answer_.valid = answer_.finished = answer_.seen = false;
+    stops_.clear();
+    last_tour_.clear();
+    phase_ = Phase::survey;
+    dwell_since_us_ = -1;
+    empty_passes_ = 0;
+    left_known_m2_ = -1.0F;
+    counters_ = {};
+}
+
+ViewRule TourPolicy::rule() const {
+    ViewRule rule;
+    rule.distance_cost = p_.view_distance_cost;
+    rule.tight_cost = p_.view_tight_m;
+    rule.near_m = p_.view_near_m;
+    rule.behind_min = p_.reveal_min_cells;
+    return rule;
+}
+
+void TourPolicy::set_goal(const Frontier& front) {
+    goal_ = front;
+    answer_.valid = true;
+    answer_.seen = false;
+    ++answer_.number;
+    answer_.cell = front.view;
+    answer_.x_m = front.view_x_m;
+    answer_.y_m = front.view_y_m;
+    answer_.look_x_m = front.x_m;
+    answer_.look_y_m = front.y_m;
+    dwell_since_us_ = -1;
+    if (phase_ == Phase::ways) { phase_ = Phase::survey; }  // the scratch field goes to the new goal
+}
+
+void TourPolicy::drop(const MapView& map, const bool give_up) {
+    const float distance_m = viewing_distance(goal_);
+    if (give_up) {
+        map.survey.tried().give_up(goal_.x_m, goal_.y_m, distance_m, map.t_us);
+    } else {
+        map.survey.tried().add(goal_.x_m, goal_.y_m, distance_m, map.t_us);
+    }
+    answer_.valid = false;   // the next pass knows better than the last: it is waited for
+}
+
+const PolicyAnswer& TourPolicy::step(const MapView& map, const Pose2<Map, Body>& pose, const std::int32_t budget_cells) {
+    if (answer_.valid && map.fate != GoalFate::under_way) {
+        if (map.fate == GoalFate::stuck) { ++counters_.stuck; }
+        drop(map, map.fate == GoalFate::stuck);
+    }
+    if (answer_.valid && !answer_.seen && !FrontierSearch::is_frontier(map.grid, goal_.look)) {
+        // What was to be seen is seen. The way on is flown while the map is looked at anew: the last pass does not know what
+        // has just come into view, and choosing from it would send the vehicle away and back.
+        answer_.seen = true;
+        if (phase_ != Phase::survey) { phase_ = Phase::survey; }
+        map.survey.look_again();
+    }
+    if (budget_cells > 0) { think(map, budget_cells); }
+    look(map, pose);
+    return answer_;
+}
+
+void TourPolicy::look(const MapView& map, const Pose2<Map, Body>& pose) {
+    if (!answer_.valid || answer_.seen) { return; }
+    const float bearing = std::atan2(goal_.y_m - pose.y_m, goal_.x_m - pose.x_m);
+    const bool arrived = std::hypot(answer_.x_m - pose.x_m, answer_.y_m - pose.y_m) < kArrivedM && std::fabs(wrap_angle(bearing - pose.yaw_rad)) < kInSightRad;
+    if (!arrived) {
+        dwell_since_us_ = -1;
+    } else if (dwell_since_us_ < 0) {
+        dwell_since_us_ = map.t_us;
+    } else if (map.t_us - dwell_since_us_ > kDwellUs) {
+        ++counters_.in_vain;
+        drop(map, false);
+    }
+}
+
+void TourPolicy::think(const MapView& map, const std::int32_t budget_cells) {
+    switch (phase_) {
+        case Phase::survey:
+            if (answer_.valid && !answer_.seen && map.t_us - passed_us_ < kPeriodUs) { return; }
+            if (!map.survey.run(map, rule(), budget_cells)) { return; }
+            ++counters_.passes;
+            gather_stops(map);
+            if (stops_.size() > 2U) {
+                graph_.clear(stops_.size());
+                map.scratch.start(map.grid, stops_[0].front.view, 0, map.survey.open());
+                for (std::size_t k = 0; k < stops_.size(); ++k) {
+                    static_cast<void>(map.scratch.add_root(stops_[k].front.view, static_cast<std::uint8_t>(k), graph_, map.survey.open()));
+                }
+                phase_ = Phase::ways;
+                return;
+            }
+            phase_ = Phase::decide;
+            break;
+        case Phase::ways:
+            if (!map.scratch.run(map.grid, map.where, map.survey.open(), budget_cells, kNoCell, 0, &graph_)) { return; }
+            graph_.close();
+            phase_ = Phase::decide;
+            return;
+        case Phase::decide:
+            break;
+    }
+    decide(map);
+    passed_us_ = map.t_us;
+    phase_ = Phase::survey;
+}
+
+// Nearest first; a group whose viewpoint another stop nearly has belongs to that stop.
+void TourPolicy::gather_stops(const MapView& map) {
+    stops_.clear();
+    Bounded<Frontier, kMaxFrontiers> found = map.survey.search().found();
+    std::sort(found.begin(), found.end(), [](const Frontier& a, const Frontier& b) { return a.cost != b.cost ? a.cost < b.cost : a.look < b.look; });
+    for (const Frontier& f : found) {
+        bool joined = false;
+        for (Stop& s : stops_) {
+            const bool near = std::hypot(s.front.view_x_m - f.view_x_m, s.front.view_y_m - f.view_y_m) < kOneStopM;
+            if (s.front.view == f.view || (near && map.grid.line_is_free(s.front.view_x_m, s.front.view_y_m, f.view_x_m, f.view_y_m))) {
+                s.cells += f.cells;
+                s.behind += f.behind;
+                joined = true;
+                break;
+            }
+        }
+        if (!joined && !stops_.full()) { static_cast<void>(stops_.push({f, f.cells, f.behind})); }
+    }
+}
+
+// True: going there now would undo the last change of mind although nothing has been learned since.
+bool TourPolicy::came_from(const MapView& map, const Frontier& front) const {
+    return left_known_m2_ >= 0.0F && apart(left_, front) < 2.0F * kSameGoalM && map.grid.known_area_m2() - left_known_m2_ < kNewsM2;
+}
+
+void TourPolicy::decide(const MapView& map) {
+    const std::size_t n = stops_.size();
+    if (answer_.valid && answer_.seen) { answer_.valid = false; }
+    if (n == 0U) {
+        last_tour_.clear();
+        if (answer_.valid && map.survey.costs().cost(answer_.cell) == CostField::kFar) { answer_.valid = false; }
+        if (answer_.valid) {
+            empty_passes_ = 0;
+        } else if (map.where.blocks_waiting() == 0U && ++empty_passes_ >= 2) {
+            answer_.finished = true;
+        }
+        return;
+    }
+    empty_passes_ = 0;
+    tour_.begin(n);
+    std::uint8_t same = Tour::kAny;   // the stop that the present goal belongs to
+    float same_m = kSameGoalM;
+    for (std::size_t a = 0; a < n; ++a) {
+        tour_.set(0, a + 1U, p_.tour_first_weight * metres(map, stops_[a].front.cost));
+        for (std::size_t b = 0; b < n; ++b) {
+            float way_m = 0.0F;
+            if (n > 2U) {
+                way_m = metres(map, graph_.between(a, b));
+            } else if (a != b) {
+                way_m = std::hypot(stops_[a].front.view_x_m - stops_[b].front.view_x_m, stops_[a].front.view_y_m - stops_[b].front.view_y_m);
+            }
+            tour_.set(a + 1U, b + 1U, way_m);
+        }
+        tour_.set_last_bonus(a + 1U, std::min(p_.tour_last_m, 0.01F * static_cast<float>(stops_[a].behind) * p_.tour_last_m));
+        if (answer_.valid && apart(stops_[a].front, goal_) < same_m) {
+            same_m = apart(stops_[a].front, goal_);
+            same = static_cast<std::uint8_t>(a + 1U);
+        }
+    }
+    // Warm start: the order of the last tour.
+    Tour::Order order;
+    std::array<bool, kMaxStops> in{};
+    for (const Frontier& f : last_tour_) {
+        for (std::size_t a = 0; a < n; ++a) {
+            if (in[a + 1U] || apart(stops_[a].front, f) >= kSameGoalM) { continue; }
+            in[a + 1U] = true;
+            static_cast<void>(order.push(static_cast<std::uint8_t>(a + 1U)));
+            break;
+        }
+    }
+    Tour::Order cold;
+    float best_m = tour_.improve(order, Tour::kAny);
+    const float cold_m = tour_.improve(cold, Tour::kAny);
+    if (cold_m + 0.05F < best_m) {
+        order = cold;
+        best_m = cold_m;
+    }
+    if (answer_.valid) {
+        if (same == Tour::kAny) {
+            if (map.survey.costs().cost(answer_.cell) == CostField::kFar) { answer_.valid = false; }
+        } else if (order[0] != same) {
+            Tour::Order kept = order;
+            const float kept_m = tour_.improve(kept, same);
+            if (best_m + p_.goal_switch_m >= kept_m || came_from(map, stops_[order[0] - 1U].front)) {
+                order = kept;
+            }
+        }
+    }
+    last_tour_.clear();
+    for (const std::uint8_t stop : order) { static_cast<void>(last_tour_.push(stops_[stop - 1U].front)); }
+    if (!answer_.valid) {
+        set_goal(last_tour_[0]);
+        return;
+    }
+    if (same == Tour::kAny) { return; }   // not found again in this pass: flown to as it is
+    if (order[0] != same) {
+        ++counters_.switches;
+        left_ = goal_;
+        left_known_m2_ = map.grid.known_area_m2();
+        set_goal(last_tour_[0]);
+        return;
+    }
+    // The same piece of the unknown, seen anew: a better viewpoint is taken only if that saves some way.
+    const Frontier& now = stops_[same - 1U].front;
+    const float saved_m = metres(map, map.survey.costs().cost(answer_.cell)) - metres(map, now.cost);
+    if (saved_m > kBetterViewM && now.look != goal_.look) { set_goal(now); }
+}
+
+}  // namespace noctule

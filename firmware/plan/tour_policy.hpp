@@ -1,0 +1,55 @@
+/// The default policy: all that is left is put into an open tour, and its first stop is the goal.
+///
+/// docs/maths/explore.md. A pass: survey (costs from the vehicle, edge of the unknown with viewpoints), ways between the
+/// viewpoints, tour, decision. Frame Map. No heap.
+#pragma once
+
+#include <cstdint>
+
+#include "params.gen.hpp"
+#include "plan/policy.hpp"
+#include "plan/survey.hpp"
+#include "plan/tour.hpp"
+
+namespace noctule {
+
+class TourPolicy final : public Policy {
+public:
+    explicit TourPolicy(const Parameters& parameters) : p_(parameters) {}
+    void begin(const Pose2<Map, Body>& home) override;
+    const PolicyAnswer& step(const MapView& map, const Pose2<Map, Body>& pose, std::int32_t budget_cells) override;
+    [[nodiscard]] std::size_t stops() const { return stops_.size(); }
+
+private:
+    enum class Phase : std::uint8_t { survey, ways, decide };
+    /// Groups of the edge with nearly one viewpoint.
+    struct Stop {
+        Frontier front;        ///< the one looked at first: the nearest
+        std::int32_t cells = 0;
+        std::int32_t behind = 0;
+    };
+    void think(const MapView& map, std::int32_t budget_cells);
+    void gather_stops(const MapView& map);
+    void decide(const MapView& map);
+    void look(const MapView& map, const Pose2<Map, Body>& pose);
+    void drop(const MapView& map, bool give_up);
+    void set_goal(const Frontier& front);
+    [[nodiscard]] bool came_from(const MapView& map, const Frontier& front) const;
+    [[nodiscard]] ViewRule rule() const;
+
+    const Parameters& p_;
+    PolicyAnswer answer_;
+    Frontier goal_;                               ///< while answer_.valid
+    Bounded<Stop, kMaxStops - 1U> stops_;         ///< of the last complete pass
+    Bounded<Frontier, kMaxStops - 1U> last_tour_; ///< the same in the order of the tour
+    RootGraph graph_;
+    Tour tour_;
+    Phase phase_ = Phase::survey;
+    std::int64_t dwell_since_us_ = -1;
+    std::int64_t passed_us_ = 0;                  ///< end of the last pass
+    std::int32_t empty_passes_ = 0;
+    Frontier left_;                               ///< goal left for a better one
+    float left_known_m2_ = -1.0F;                 ///< area known then; below 0: none was left
+};
+
+}  // namespace noctule
