@@ -68,6 +68,7 @@ struct noctule_explore_out {
     std::int32_t goal_valid;
     std::int32_t guard_rule;
     float known_area_m2;
+    float unknown_share;              // of the paper's policy
     std::int32_t goals;               // the explorer's counters
     std::int32_t switches;
     std::int32_t stuck;
@@ -179,6 +180,7 @@ void noctule_explore_step(noctule_explore* self, const noctule_explore_in* in, n
     out->reason = static_cast<std::int32_t>(s.mission.reason());
     out->ready = s.mission.ready() ? 1 : 0;
     out->guard_rule = static_cast<std::int32_t>(s.guard.rule());
+    out->unknown_share = s.mission.explorer().paper().unknown_share();
     out->known_area_m2 = s.grid.known_area_m2();
     const Explorer::Counters c = s.mission.explorer().counters();
     out->goals = static_cast<std::int32_t>(c.goals);

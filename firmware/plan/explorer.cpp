@@ -11,7 +11,7 @@ constexpr std::int32_t kBudget = 16000;        ///< cells settled a step: about 
 constexpr std::int32_t kSweeps = 2;            ///< of the potential's window a step
 constexpr std::uint32_t kBeyond = 30 * CostField::kUnit * 3;   ///< field computed this much farther than the vehicle
 constexpr std::int64_t kRefreshUs = 500000;    ///< age from which the field of a fixed place is computed anew
-constexpr std::int64_t kStuckUs = 8000000;     ///< without coming nearer to the goal: it is given up
+constexpr std::int64_t kStuckUs = 4000000;     ///< without coming nearer to the goal: it is given up
 constexpr float kProgressM = 0.2F;
 constexpr float kArrivedM = 0.15F;
 constexpr float kSameGoalM = 0.5F;
@@ -121,8 +121,11 @@ void Explorer::explore(const OccupancyGrid& grid, const Pose2<Map, Body>& pose, 
     if (goal_.to_place) { goal_ = Goal{}; }
     if (policy_ == nullptr) { begin(home_); }
     bool busy = field_due_;
-    if (busy && run_field(grid, from, t_us) && !has_way_) { fate_ = GoalFate::unreachable; }
-    if (goal_.valid && goal_.answer.path == nullptr && fate_ == GoalFate::under_way && stuck(grid, pose, t_us)) { fate_ = GoalFate::stuck; }
+    if (busy && run_field(grid, from, t_us)) {
+        progress_us_ = -1;   // what is left of the way is counted by the new field
+        if (!has_way_) { fate_ = GoalFate::unreachable; }
+    }
+    if (goal_.valid && !field_due_ && goal_.answer.path == nullptr && fate_ == GoalFate::under_way && stuck(grid, pose, t_us)) { fate_ = GoalFate::stuck; }
     const MapView view{grid, where_, home_, from, t_us, fate_, survey_, fields_[1 - flown_]};
     const PolicyAnswer& answer = policy_->step(view, pose, busy ? 0 : kBudget);
     if (answer.valid && (!goal_.valid || answer.number != goal_.answer.number)) { take(grid, answer); }

@@ -167,8 +167,13 @@ void Potential::smooth(const OccupancyGrid& grid, Bounded<PathPoint, kMaxPathPoi
             const float clear_m = grid.clearance_m(x_m, y_m, wanted_m, &hit_x, &hit_y);
             if (clear_m < wanted_m && clear_m > 1e-3F) {
                 const float push = (kSoftPush * (wanted_m - clear_m) + kHardPush * std::max(0.0F, p_.hull_radius_m + kRoomM - clear_m)) / clear_m;
-                x_m += push * (x_m - hit_x);
-                y_m += push * (y_m - hit_y);
+                // Between two walls a push away from the one is a push towards the other: only what gives more room is done.
+                const float to_x_m = x_m + push * (x_m - hit_x);
+                const float to_y_m = y_m + push * (y_m - hit_y);
+                if (grid.clearance_m(to_x_m, to_y_m, wanted_m) > clear_m) {
+                    x_m = to_x_m;
+                    y_m = to_y_m;
+                }
             }
             p.x_m = x_m;
             p.y_m = y_m;

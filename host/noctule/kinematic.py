@@ -36,7 +36,7 @@ class _In(ctypes.Structure):
 class _Out(ctypes.Structure):
     _fields_ = [(n, ctypes.c_double) for n in ("x_m", "y_m", "z_m", "yaw_rad", "vx_m_s", "vy_m_s", "vz_m_s", "goal_x_m", "goal_y_m")] + [
         ("map_ns", ctypes.c_int64), ("plan_ns", ctypes.c_int64)] + [(n, ctypes.c_int32) for n in (
-            "setpoint_valid", "state", "reason", "ready", "goal_valid", "guard_rule")] + [("known_area_m2", ctypes.c_float)] + [
+            "setpoint_valid", "state", "reason", "ready", "goal_valid", "guard_rule")] + [("known_area_m2", ctypes.c_float), ("unknown_share", ctypes.c_float)] + [
         (n, ctypes.c_int32) for n in ("goals", "switches", "stuck", "in_vain", "back_and_forth", "stops", "path_points")]
 
 
@@ -78,6 +78,7 @@ class Exploration:
     stuck: int = 0
     in_vain: int = 0
     back_and_forth: int = 0
+    unknown_share: float = 1.0                         # the paper's policy: known free cells that were never in its window
     reason: int = 0
     plan_ms: tuple = ()                                # p50, p99, greatest, processor time
     track: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))  # (N, 3) t, x, y, frame World, every half second
@@ -184,7 +185,7 @@ def explore(world, seed: int, parameters: dict[str, float], max_time_s: float = 
     result.time_to_s = dict(score.time_to_s)
     result.time_s, result.path_m = t_s - began_s, float(state[7])
     result.goals, result.switches, result.stuck, result.in_vain = out.goals, out.switches, out.stuck, out.in_vain
-    result.back_and_forth = out.back_and_forth
+    result.back_and_forth, result.unknown_share = out.back_and_forth, out.unknown_share
     result.plan_ms = tuple(float(v) * 1e-6 for v in (np.percentile(plan_ns, 50), np.percentile(plan_ns, 99), max(plan_ns)))
     result.track, result.speed_m_s = np.array(track), np.array(speeds)
     return result
