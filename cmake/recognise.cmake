@@ -29,3 +29,9 @@ if(NOT NOCTULE_SANITIZE)
         target_link_options(noctule_bench_dlib PRIVATE -Wl,--no-undefined)
     endif()
 endif()
+
+# ---- the camera's driver: OpenCV's video part, which may allocate, too
+find_library(OPENCV_videoio opencv_videoio REQUIRED)
+add_executable(noctule-camera firmware/app/camera_main.cpp firmware/drivers/camera_source.cpp)
+target_include_directories(noctule-camera SYSTEM PRIVATE ${OPENCV_INCLUDE})
+target_link_libraries(noctule-camera PRIVATE noctule_app ${OPENCV_videoio} ${opencv_libraries} noctule_options)

@@ -12,6 +12,8 @@
 #include <lcm/lcm.h>
 
 #include "app/parameter_file.hpp"
+#include "link/bridge.hpp"
+#include "link/lcm_bus.hpp"
 #include "link/nav_node.hpp"
 
 #if __has_include(<valgrind/callgrind.h>)
@@ -95,6 +97,34 @@ int run(const std::string& log_path, Blocks blocks, int& measured) {
     return steps;
 }
 
+/// Bytes of the objects that hold the flight's memory, as JSON (docs/memory.md is made of it).
+void print_sizes() {
+    using namespace noctule;
+    struct Row {
+        const char* name;
+        std::size_t bytes;
+    };
+    constexpr std::array<Row, 16> kRows{{{"NavNode", sizeof(NavNode)},
+                                         {"Navigator", sizeof(Navigator)},
+                                         {"Localiser", sizeof(Localiser)},
+                                         {"AltitudeFilter", sizeof(AltitudeFilter)},
+                                         {"OccupancyGrid", sizeof(OccupancyGrid)},
+                                         {"Mission", sizeof(Mission)},
+                                         {"Reference", sizeof(Reference)},
+                                         {"Guard", sizeof(Guard)},
+                                         {"OutputPredictor", sizeof(OutputPredictor)},
+                                         {"SensorFrame", sizeof(SensorFrame)},
+                                         {"kMaxImuPerStep", sizeof(SensorFrame::imu)},
+                                         {"kMaxAttitudePerStep", sizeof(SensorFrame::attitude)},
+                                         {"kMaxVehiclePerStep", sizeof(SensorFrame::vehicle)},
+                                         {"kMaxRangePerStep", sizeof(SensorFrame::range_up)},
+                                         {"Bridge", sizeof(Bridge)},
+                                         {"LcmBus", sizeof(LcmBus)}}};
+    std::printf("{");
+    for (std::size_t i = 0; i < kRows.size(); ++i) { std::printf("%s\"%s\": %zu", i == 0 ? "" : ", ", kRows[i].name, kRows[i].bytes); }
+    std::printf("}\n");
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
@@ -103,11 +133,17 @@ int main(int argc, char** argv) {
     std::string parameter_path;
     int every = 100;
     int length = 15;
-    options.add_option("log", log_path, "flight.lcm")->required();
+    bool sizes = false;
+    options.add_option("log", log_path, "flight.lcm");
+    options.add_flag("--sizes", sizes, "print the bytes of the objects that hold the flight's memory, and end");
     options.add_option("--parameters", parameter_path, "the flight's parameters.toml");
     options.add_option("--every", every, "steps between the beginnings of two measured blocks, on average")->check(CLI::Range(1, 100000))->capture_default_str();
     options.add_option("--length", length, "measured steps of a block")->check(CLI::Range(1, 100000))->capture_default_str();
     CLI11_PARSE(options, argc, argv);
+    if (sizes) {
+        print_sizes();
+        return 0;
+    }
 
     std::array<char, 512> error{};
     if (!parameter_path.empty() && !noctule::load_parameters(parameter_path.c_str(), parameters, error.data(), error.size())) {

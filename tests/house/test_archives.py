@@ -12,7 +12,8 @@ ARCHIVE = ROOT / "build" / "release" / "lib" / "libnoctule_firmware.a"
 
 FORBIDDEN = {
     "heap": r"malloc|calloc|realloc|aligned_alloc|posix_memalign|memalign|valloc|strdup|_Zn[wa][mj].*",
-    "exception": r"__cxa_throw|__cxa_rethrow|__cxa_allocate_exception|_ZSt\d+__throw_\w+",
+    "exception": r"__cxa_throw|__cxa_rethrow|__cxa_allocate_exception|__cxa_begin_catch|__cxa_end_catch|__cxa_bad_cast|_ZSt\d+__throw_\w+",
+    "unwinder": r"_Unwind_\w+|__gxx_personality_\w+",
     "clock": r"time|clock|gettimeofday|clock_gettime|timespec_get|_ZNSt6chrono\w*3nowEv",
     "console or file": r"printf|fprintf|puts|putchar|fopen|open|write|_ZSt4cout|_ZSt4cerr|getenv",
     "random device": r"rand|random|srand|_ZNSt13random_device\w+",
@@ -56,6 +57,7 @@ def test_the_firmware_needs_no_heap_exception_clock_or_console():
         ("heap", "#include <cstdlib>\nvoid* f() { return std::malloc(8); }"),
         ("exception", "void f() { throw 1; }"),
         ("exception", "#include <array>\nint f(std::array<int, 2>& a, unsigned i) { return a.at(i); }"),
+        ("unwinder", "struct A { ~A(); }; void g(); void f() { A a; g(); }"),
         ("clock", "#include <chrono>\nlong f() { return std::chrono::steady_clock::now().time_since_epoch().count(); }"),
         ("console or file", "#include <cstdio>\nvoid f(int i) { std::printf(\"%d\", i); }"),
     ],
