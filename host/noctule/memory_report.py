@@ -129,8 +129,8 @@ def page(sizes: dict[str, int], parts: dict[str, dict[str, int]], pools, most: d
     lines += [f"| {name} | {thousands(value)} |" for name, value in sizes.items() if not name.startswith("k")]
     lines += ["", "## Stack", "",
               "Read from the linked program's machine code: frames of all functions, deepest path through the call graph, no recursion, no frame of",
-              f"variable size, no call through a pointer that is not resolved. A function of a shared library counts {stack_report.LIBRARY_BYTES} bytes. Above these stand main and LCM's",
-              "dispatcher. Start-up (command line, TOML) goes deeper and is over before the first message; its stack is the 8 MiB of the process.", "",
+              f"variable size, no call through a pointer that is not resolved. A function of a shared library (libm, memcpy, lcm_publish) is taken to need {stack_report.LIBRARY_BYTES} bytes. Above these stand main",
+              "and LCM's dispatcher. Start-up (command line, TOML) goes deeper and is over before the first message; its stack is the 8 MiB of the process.", "",
               "| from | bytes | deepest path (frame) | not proved |", "|---|---|---|---|"]
     for label, depth in depths.items():
         names = stack_report.demangle(depth.path)

@@ -70,7 +70,9 @@ def make(folder: Path, mirror: str) -> Root:
     """A minimal bookworm; kept as an archive in build/deps, so that a second run needs the network for the package's dependencies only."""
     kept = Path("build/deps/bookworm-minimal.tar")
     if not kept.exists():
-        subprocess.run(["mmdebstrap", "--quiet", "--variant=minbase", "bookworm", str(kept), f"deb {mirror} bookworm main"], check=True)
+        part = kept.with_name("part-" + kept.name)
+        subprocess.run(["mmdebstrap", "--quiet", "--variant=minbase", "bookworm", str(part), f"deb {mirror} bookworm main"], check=True)
+        part.rename(kept)
     folder.mkdir()
     subprocess.run(["tar", "-xf", str(kept), "-C", str(folder), "--exclude=./dev/*"], check=True)
     (folder / "dev/null").touch()
