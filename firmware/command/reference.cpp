@@ -12,6 +12,8 @@ namespace {
 
 constexpr float kMaxGapS = 0.2F;
 constexpr float kBrakeShare = 0.4F;      ///< of the acceleration limit that the speed profile counts on; the rest is for jerk and curves
+constexpr float kOpenBrakeShare = 0.6F;  ///< where there is room for the vehicle to swing past the end
+constexpr float kOpenM = 0.75F;          ///< clearance that counts as room
 constexpr float kCurveShare = 0.3F;       ///< of the acceleration limit in curves: a vehicle with a lag swings out in proportion to it
 constexpr float kGentleShare = 0.25F;     ///< of the acceleration limit in the narrowest place
 constexpr float kRoomAheadM = 1.0F;       ///< of the path over which narrow places are looked for
@@ -51,7 +53,9 @@ float Reference::allowed_speed_m_s(const Target& target) const {
     for (std::size_t k = path.size(); k-- > 0;) {
         if (k + 1U < path.size()) {
             const float ds = std::hypot(path[k + 1U].x_m - path[k].x_m, path[k + 1U].y_m - path[k].y_m);
-            speed = std::sqrt(speed * speed + 2.0F * kBrakeShare * p_.accel_max_m_s2 * ds);
+            const float room = std::clamp((path[k].clearance_m - p_.hull_radius_m) / (kOpenM - p_.hull_radius_m), 0.0F, 1.0F);
+            const float share = kBrakeShare + (kOpenBrakeShare - kBrakeShare) * room;
+            speed = std::sqrt(speed * speed + 2.0F * share * p_.accel_max_m_s2 * ds);
         }
         float limit = speed_at_clearance_m_s(p_, path[k].clearance_m);
         if (k >= kCurveSpan && k + kCurveSpan < path.size()) {

@@ -15,6 +15,8 @@ constexpr float kGrazesCells = 3.0F;           ///< nor does one that ends withi
 constexpr float kGrazesFarCells = 12.0F;       ///< nor one that ends within this behind it,
 constexpr float kPassesFarByCells = 0.1F;      ///< unless it passes the mean hit nearer than this
 constexpr float kLevelCells = 2.0F;            ///< a beam farther than this over or under the vehicle's plane does not contradict a hit
+constexpr float kTrend = 1.5F;                 ///< a wall's ranges grow faster than linearly with the beam
+constexpr float kTrendSlackM = 0.05F;          ///< for noise
 constexpr std::int32_t kGapBeams = 3;          ///< beams missing between two neighbours of a sweep
 constexpr std::int64_t kRepublishUs = 2000000; ///< scans between publications of a tile whose classes stand still
 constexpr std::int8_t kNeverHit = -128;        ///< in hit_x: no beam ended in the cell since it was last sure to be free
@@ -322,8 +324,8 @@ void OccupancyGrid::integrate(const Estimate& estimate, const LevelScan& scan) {
     if ((scans_ & (kCameraEvery - 1U)) == 0U) { look(pose); }
 }
 
-// How far a beam without return may clear: 0 unless the returns on both sides of the gap come from near the greatest range, as
-// those of a hall or corridor that goes on do; then up to the chord between them, so that a flat pane between two frames stays
+// How far a beam without return may clear: 0 unless the returns on both sides of the gap come from near the greatest range and are
+// about to leave it, as those of a hall or corridor that goes on do; then up to the chord between them, so that a flat pane between two frames stays
 // unknown. docs/maths/grid.md, "no return".
 float OccupancyGrid::open_range_m(const LevelScan& scan, const std::size_t k) {
     const auto& points = scan.points;
@@ -339,8 +341,16 @@ float OccupancyGrid::open_range_m(const LevelScan& scan, const std::size_t k) {
         if (gap_from_ > 0U && gap_to_ < points.size()) {
             const ScanPoint& a = points[gap_from_ - 1U];
             const ScanPoint& b = points[gap_to_];
-            gap_open_ = std::min(a.range_m, b.range_m) >= p_.no_return_open * scan.range_max_m &&
-                        points[gap_from_].beam - a.beam <= kGapBeams && b.beam - points[gap_to_ - 1U].beam <= kGapBeams;
+            // A wall that goes on out of range leaves it by a trend: at that pace the next beam would have missed. A wall across
+            // that only something dark hides does not.
+            const auto leaves = [&](const std::size_t last, const std::size_t before) {
+                const ScanPoint& p = points[last];
+                const ScanPoint& q = points[before];
+                return p.range_m >= p_.no_return_open * scan.range_max_m && q.hit && std::abs(p.beam - q.beam) <= kGapBeams &&
+                       p.range_m + kTrend * (p.range_m - q.range_m) >= scan.range_max_m - kTrendSlackM;
+            };
+            gap_open_ = points[gap_from_].beam - a.beam <= kGapBeams && b.beam - points[gap_to_ - 1U].beam <= kGapBeams && gap_from_ > 1U &&
+                        gap_to_ + 1U < points.size() && leaves(gap_from_ - 1U, gap_from_ - 2U) && leaves(gap_to_, gap_to_ + 1U);
         }
     }
     if (!gap_open_) { return 0.0F; }

@@ -200,13 +200,26 @@ void a_gap_without_return_is_free_only_where_both_sides_are_far() {
     TEST_ASSERT_EQUAL(CellClass::unknown, near->cell_class(Cell{10, 0}));   // THEN nothing is free in front of it
     const auto far = grid_with(p);
     s = empty_sweep();
-    // GIVEN a corridor that goes on beyond the range: returns at 9.5 m on both sides of the gap
+    // GIVEN a corridor 2 m wide that goes on beyond the range: returns from its walls on both sides of the gap
     for (int k = -100; k <= 100; ++k) {
-        add(s, 0.0044F * static_cast<float>(k), std::abs(k) < 20 ? 10.0F : 9.5F, std::abs(k) >= 20);
+        const float b = 0.0044F * static_cast<float>(k);
+        const float r = 1.0F / std::fmax(1e-4F, std::fabs(std::sin(b)));
+        add(s, b, std::fmin(r, 10.0F), r < 10.0F);
     }
     far->integrate(at(0.0F, 0.05F), s);
     TEST_ASSERT_EQUAL(CellClass::free, far->cell_class(Cell{80, 0}));       // THEN it is free up to the chord
-    TEST_ASSERT_EQUAL(CellClass::unknown, far->cell_class(Cell{96, 0}));
+    TEST_ASSERT_EQUAL(CellClass::unknown, far->cell_class(Cell{99, 0}));
+    for (const float wall_m : {9.2F, 9.8F}) {
+        const auto dark = grid_with(p);
+        s = empty_sweep();
+        // GIVEN a dark thing 2 m wide, no return, before a wall that is near the end of the range
+        for (int k = -100; k <= 100; ++k) {
+            const float b = 0.0044F * static_cast<float>(k);
+            add(s, b, std::abs(k) < 25 ? 10.0F : std::fmin(10.0F, wall_m / std::cos(b)), std::abs(k) >= 25 && wall_m / std::cos(b) < 10.0F);
+        }
+        dark->integrate(at(0.0F, 0.05F), s);
+        TEST_ASSERT_EQUAL(CellClass::unknown, dark->cell_class(Cell{40, 0}));   // THEN where it stands is not free
+    }
 }
 
 void thick_obstacles_of_the_paper_fill_their_depth() {
