@@ -130,6 +130,7 @@ void a_packed_cost_is_never_less_and_keeps_its_order() {
 void a_floor_larger_than_the_pages_is_served_round_the_root() {
     const auto p = std::make_unique<Parameters>();
     p->no_return_open = 0.0F;   // beams down the lane clear it
+    p->fence_radius_m = p->fence_front_m = p->fence_back_m = 1e5F;
     const auto grid = std::make_unique<OccupancyGrid>(*p);
     const auto where = std::make_unique<Traversability>(*p);
     const auto open = std::make_unique<OpenCells>();
