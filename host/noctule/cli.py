@@ -100,6 +100,13 @@ def _seed(text: str) -> int:
     return value
 
 
+def _workers(text: str) -> int:
+    value = int(text)
+    if not 1 <= value <= 1024:
+        raise argparse.ArgumentTypeError(f"{text} is not in 1 to 1024")
+    return value
+
+
 class _Plain(argparse.Action):
     """Collects checked values; the message of a bad one is the checker's own, without 'argument ...:' before it."""
 
@@ -172,6 +179,15 @@ def parser() -> argparse.ArgumentParser:
                                 description="Scores a recorded run again and rewrites its report and pictures.")
     again.add_argument("run", type=Path, metavar="RUN", help="run directory")
 
+    many = commands.add_parser("campaign", help="fly worlds x seeds x policies x parameters, and compare",
+                               description="Flies every combination that FILE (TOML, docs/campaign.md) names, in-process, on all "
+                                           "cores, and prints means, intervals and paired differences. Stopped, it goes on where it "
+                                           "was. Exit code 0: every flight was flown to its end, 1: some broke.")
+    many.add_argument("file", type=Path, metavar="FILE", help="campaign file (docs/campaign.md)")
+    many.add_argument("--out", type=Path, metavar="DIR", help="folder of its runs (default runs/campaign/<name>)")
+    many.add_argument("--workers", type=_workers, metavar="N", help="flights at a time (default: one a core)")
+    many.add_argument("--scheduler", metavar="ADDRESS", help="fly on a cluster: address of a Dask scheduler, for instance tcp://host:8786")
+
     export = commands.add_parser("export", help="write a run in the forms that other tools read", description=EXPORT,
                                  formatter_class=argparse.RawDescriptionHelpFormatter)
     export.add_argument("run", type=Path, metavar="RUN", help="run directory")
@@ -241,6 +257,15 @@ def _report(options) -> int:
     return 0
 
 
+def _campaign(options) -> int:
+    from noctule import campaign
+
+    _, reports, folder = campaign.run(options.file, options.out, options.workers, options.scheduler)
+    print((folder / "summary.txt").read_text(encoding="utf-8"), end="")
+    print(f"{folder}: flights.csv, summary.json, summary.txt, paths-*.png")
+    return 1 if any(report["outcome"] == "broken" for report in reports.values()) else 0
+
+
 def _export(options) -> int:
     from noctule import export
 
@@ -265,7 +290,7 @@ def _compare(options) -> int:
 def main(arguments=None) -> int:
     """Runs the command; returns its exit code."""
     options = parser().parse_args(arguments)
-    action = {"fly": _fly, "worlds": _worlds, "bench": _bench, "replay": _replay, "report": _report, "export": _export, "compare": _compare}[options.command]
+    action = {"fly": _fly, "worlds": _worlds, "bench": _bench, "replay": _replay, "report": _report, "export": _export, "campaign": _campaign, "compare": _compare}[options.command]
     try:
         return action(options)
     except InputError as error:

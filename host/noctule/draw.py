@@ -101,6 +101,39 @@ def map_png(primitives, floor_elevation_m: float, start: StartPose, grid, nav: d
     return buffer.getvalue()
 
 
+def paths_png(primitives, floor_elevation_m: float, paths: dict[str, tuple[np.ndarray, np.ndarray]], title: str) -> bytes:
+    """Several paths over one floor's solids, frame World, each in a panel of its own. PNG bytes.
+
+    Args:
+        primitives: the world's solids.
+        floor_elevation_m: the floor drawn.
+        paths: name -> x and y, (N,) [m] each.
+        title: one line over the picture.
+    """
+    from matplotlib.collections import PolyCollection
+
+    outlines = [_outline(s) for s in slice_primitives(primitives, floor_elevation_m + PLANE_HEIGHT_M)]
+    points = np.concatenate(outlines + [np.stack(path, axis=1) for path in paths.values()])
+    low, high = points.min(axis=0) - 0.5, points.max(axis=0) + 0.5
+    width, height = high - low
+    scale = 5.0 / max(width, height)
+    figure = _figure(len(paths) * max(2.5, width * scale) + 0.4, max(2.0, height * scale) + 0.8)
+    for n, (name, (x, y)) in enumerate(paths.items()):
+        axes = figure.add_subplot(1, len(paths), n + 1)
+        if outlines:
+            axes.add_collection(PolyCollection(outlines, facecolor="none", edgecolor=SOLID_COLOUR, linewidth=0.7))
+        axes.plot(x, y, color=TRUE_COLOUR, linewidth=1.2)
+        axes.plot(x[:1], y[:1], "o", color="black", markersize=4)
+        length = float(np.hypot(np.diff(x), np.diff(y)).sum())
+        axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal")
+        axes.set_title(f"{name}: {length:.0f} m", fontsize=9)
+        axes.tick_params(labelsize=7)
+    figure.suptitle(title, fontsize=10)
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=110)
+    return buffer.getvalue()
+
+
 def series_svg(errors: PoseErrors, nav: dict, truth: dict, start: StartPose, levels_m: list[float],
                explored: list[tuple[float, float]]) -> str:
     """Errors, altitude with the levels found, and explored share over time, as one SVG element.
