@@ -233,7 +233,7 @@ def fly_remote(settings: FlightSettings) -> dict:
     with tempfile.TemporaryDirectory(prefix="noctule-") as name:
         folder = Path(name) / "run"
         report = fly_trial(settings, folder)
-        return {"report": report, "truth": (folder / "truth.csv").read_text(encoding="utf-8"), "world": (folder / "world.yaml").read_text(encoding="utf-8")}
+        return {"report": report, "truth": (folder / "truth.csv").read_bytes(), "world": (folder / "world.yaml").read_bytes()}
 
 
 def run_dask(campaign: Campaign, folder: Path, programs: str, address: str, say: Callable[[str], None]) -> dict[Trial, dict]:
@@ -271,8 +271,8 @@ def run_dask(campaign: Campaign, folder: Path, programs: str, address: str, say:
             here.mkdir(parents=True)
             if future.status == "finished":
                 told = future.result()
-                (here / "truth.csv").write_text(told["truth"], encoding="utf-8")
-                (here / "world.yaml").write_text(told["world"], encoding="utf-8")
+                (here / "truth.csv").write_bytes(told["truth"])
+                (here / "world.yaml").write_bytes(told["world"])
                 (here / "report.json").write_text(json.dumps(told["report"], indent=2) + "\n", encoding="utf-8")
                 reports[trial] = _finish(here, key)
             else:

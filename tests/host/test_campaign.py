@@ -138,3 +138,18 @@ def test_without_dask_it_is_said_in_one_line(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(InputError, match="pip install distributed"):
         campaign.run_dask(Campaign("c", ["maze_a"], [1]), tmp_path, "x", "tcp://127.0.0.1:1", print)
+
+
+@needs_library
+def test_a_dask_cluster_gives_the_same_flight(tmp_path):
+    from distributed import LocalCluster
+
+    from noctule import compare
+
+    c = Campaign("c", ["maze_a"], [1], max_time_s=4.0)
+    (here,) = campaign.run_local(c, tmp_path / "here", "x", 1, print).values()
+    with LocalCluster(n_workers=1, threads_per_worker=1, host="127.0.0.1", dashboard_address=None) as cluster:
+        (there,) = campaign.run_dask(c, tmp_path / "there", "x", cluster.scheduler_address, print).values()
+        (again,) = campaign.run_dask(c, tmp_path / "there", "x", cluster.scheduler_address, print).values()
+    assert here["outcome"] == "max_time" and compare.differences(here, there) == [] and again == there
+    assert (tmp_path / "there" / "maze_a-1-tour" / "truth.csv").read_bytes() == (tmp_path / "here" / "maze_a-1-tour" / "truth.csv").read_bytes()
