@@ -26,6 +26,7 @@ struct Frontier {
     float view_y_m = 0.0F;
     std::uint32_t cost = CostField::kFar;  ///< of the way to the viewpoint from the root of the field
     std::int32_t cells = 0;   ///< size of the group
+    bool camera = false;      ///< a patch of floor that the camera has not seen (plan/unseen), not an edge of the unknown
     std::int32_t behind = 0;  ///< unknown cells that hang together behind it, within kBehindCells of its middle
 };
 
@@ -34,6 +35,7 @@ struct ViewRule {
     float distance_cost = 0.6F;   ///< metres of way that a metre less of viewing distance is worth
     float tight_cost = 1.2F;      ///< metres of way that a viewpoint with room round it is worth, times its slowness over one
     float near_m = 0.0F;          ///< over 0: a viewpoint farther than this only where there is none nearer
+    bool camera = false;          ///< patches of floor that the camera has not seen are looked for, too
     std::int32_t behind_min = 0;  ///< groups with fewer unknown cells behind them are left out
 };
 
@@ -67,6 +69,8 @@ public:
     bool run(const OccupancyGrid& grid, const Traversability& where, const CostField& from, const TriedPlaces& tried, const ViewRule& rule,
              float home_x_m, float home_y_m, std::int64_t t_us);
     [[nodiscard]] const Bounded<Frontier, kMaxFrontiers>& found() const { return found_; }
+    /// One more place worth a visit, found elsewhere; full: it is left out.
+    void add(const Frontier& f) { static_cast<void>(found_.push(f)); }
     /// Groups of the last pass that are large enough but that nothing reachable can look into.
     [[nodiscard]] std::int32_t slivers() const { return slivers_; }
 

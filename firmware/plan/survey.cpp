@@ -35,7 +35,18 @@ bool Survey::run(const MapView& map, const ViewRule& rule, const std::int32_t bu
         search_.start();
         if (costs_.settled() - before > budget_cells / 2) { return false; }  // the rest of the budget would not do
     }
-    if (!search_.run(map.grid, map.where, costs_, tried_, rule, map.home.x_m, map.home.y_m, map.t_us)) { return false; }
+    if (phase_ == Phase::edge) {
+        if (!search_.run(map.grid, map.where, costs_, tried_, rule, map.home.x_m, map.home.y_m, map.t_us)) { return false; }
+        if (rule.camera) {
+            phase_ = Phase::unseen;
+            unseen_.start();
+            return false;
+        }
+    }
+    if (phase_ == Phase::unseen) {
+        if (!unseen_.run(map.grid, map.where, costs_, tried_, map.t_us)) { return false; }
+        for (const Frontier& f : unseen_.found()) { search_.add(f); }
+    }
     phase_ = Phase::idle;
     return true;
 }

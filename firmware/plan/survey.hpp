@@ -10,6 +10,7 @@
 #include "plan/cost_field.hpp"
 #include "plan/frontier.hpp"
 #include "plan/policy.hpp"
+#include "plan/unseen.hpp"
 
 namespace noctule {
 
@@ -20,7 +21,7 @@ inline constexpr std::int32_t kRootRadius = 5;        ///< cells round start and
 
 class Survey {
 public:
-    explicit Survey(const Parameters& parameters) : search_(parameters), tried_(parameters) {}
+    explicit Survey(const Parameters& parameters) : search_(parameters), unseen_(parameters), tried_(parameters) {}
 
     void begin() {
         restart();
@@ -31,7 +32,10 @@ public:
     void restart() { phase_ = Phase::idle; }
     /// The edge is looked for anew with the costs at hand.
     void look_again() {
-        if (phase_ == Phase::edge) { search_.start(); }
+        if (phase_ == Phase::edge || phase_ == Phase::unseen) {
+            phase_ = Phase::edge;
+            search_.start();
+        }
     }
     /// One slice; true: the pass is complete, and the next call begins a new one.
     bool run(const MapView& map, const ViewRule& rule, std::int32_t budget_cells);
@@ -42,10 +46,11 @@ public:
     [[nodiscard]] OpenCells& open() { return open_; }                     ///< for searches between two passes
 
 private:
-    enum class Phase : std::uint8_t { idle, costs, edge };
+    enum class Phase : std::uint8_t { idle, costs, edge, unseen };
     OpenCells open_;
     CostField costs_;
     FrontierSearch search_;
+    UnseenSearch unseen_;
     TriedPlaces tried_;
     Phase phase_ = Phase::idle;
 };

@@ -15,6 +15,7 @@ constexpr float kOneStopM = 1.0F;             ///< viewpoints within this that s
 constexpr std::int64_t kDwellUs = 300000;     ///< looking this long without news is in vain
 constexpr float kArrivedM = 0.15F;
 constexpr float kInSightRad = 2.0F;           ///< off the heading, what the laser is sure to see (270 degrees)
+constexpr float kCameraShare = 0.4F;          ///< of its field of view, to either side, what the camera is sure to see
 constexpr float kNewsM2 = 1.0F;               ///< area that must have become known before a goal that was left is taken again
 constexpr float kBetterViewM = 0.3F;
 
@@ -46,7 +47,13 @@ ViewRule TourPolicy::rule() const {
     rule.tight_cost = p_.view_tight_m;
     rule.near_m = p_.view_near_m;
     rule.behind_min = p_.reveal_min_cells;
+    rule.camera = p_.camera_weight > 0.0F;
     return rule;
+}
+
+// True: what the goal was to show has been seen, by the laser or by the camera.
+bool TourPolicy::settled(const MapView& map) const {
+    return goal_.camera ? map.grid.camera_saw(goal_.look) : !FrontierSearch::is_frontier(map.grid, goal_.look);
 }
 
 void TourPolicy::set_goal(const Frontier& front) {
@@ -78,7 +85,7 @@ const PolicyAnswer& TourPolicy::step(const MapView& map, const Pose2<Map, Body>&
         if (map.fate == GoalFate::stuck) { ++counters_.stuck; }
         drop(map, map.fate == GoalFate::stuck);
     }
-    if (answer_.valid && !answer_.seen && !FrontierSearch::is_frontier(map.grid, goal_.look)) {
+    if (answer_.valid && !answer_.seen && settled(map)) {
         // What was to be seen is seen. The way on is flown while the map is looked at anew: the last pass does not know what
         // has just come into view, and choosing from it would send the vehicle away and back.
         answer_.seen = true;
@@ -93,7 +100,7 @@ const PolicyAnswer& TourPolicy::step(const MapView& map, const Pose2<Map, Body>&
 void TourPolicy::look(const MapView& map, const Pose2<Map, Body>& pose) {
     if (!answer_.valid || answer_.seen) { return; }
     const float bearing = std::atan2(goal_.y_m - pose.y_m, goal_.x_m - pose.x_m);
-    const bool arrived = std::hypot(answer_.x_m - pose.x_m, answer_.y_m - pose.y_m) < kArrivedM && std::fabs(wrap_angle(bearing - pose.yaw_rad)) < kInSightRad;
+    const bool arrived = std::hypot(answer_.x_m - pose.x_m, answer_.y_m - pose.y_m) < kArrivedM && std::fabs(wrap_angle(bearing - pose.yaw_rad)) < (goal_.camera ? kCameraShare * p_.camera_fov_rad : kInSightRad);
     if (!arrived) {
         dwell_since_us_ = -1;
     } else if (dwell_since_us_ < 0) {

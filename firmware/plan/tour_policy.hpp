@@ -36,6 +36,7 @@ private:
     void set_goal(const Frontier& front);
     [[nodiscard]] bool came_from(const MapView& map, const Frontier& front) const;
     [[nodiscard]] ViewRule rule() const;
+    [[nodiscard]] bool settled(const MapView& map) const;
 
     const Parameters& p_;
     PolicyAnswer answer_;
