@@ -23,8 +23,9 @@ ROOT = Path(__file__).resolve().parents[2]
 PAGE, HISTORY = ROOT / "docs" / "memory.md", ROOT / "docs" / "memory.csv"
 MUST_BYTES, AIM_BYTES = 32 * 2**20, 16 * 2**20
 MUST_STACK, AIM_STACK = 64 * 1024, 16 * 1024
-# Where NavNode's function pointers go in noctule-nav: to the bus and to the stopwatch.
-POINTERS = {r"7NavNode": r"12_GLOBAL__N_1.*(7publish|12monotonic_ns)"}
+# Where pointers go: NavNode's to the bus and to the stopwatch, the explorer's to the policies.
+POINTERS = {r"7NavNode": r"12_GLOBAL__N_1.*(7publish|12monotonic_ns)",
+            r"^_ZN7noctule(8Explorer|7Mission)": r"^_ZN7noctule\d+\w*Policy(5begin|4step)E"}
 ROOTS = {"Navigator::step": r"9Navigator4stepE", "NavNode::step, with publishing": r"7NavNode4stepE", "NavNode::receive, a message": r"7NavNode7receiveE"}
 _CONSTANT = re.compile(r"inline constexpr \S+ (k\w+) = ([^;]+);\s*///< (.*)")
 _OPERATORS = {ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.FloorDiv: operator.floordiv, ast.Div: operator.floordiv}
