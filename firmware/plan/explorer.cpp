@@ -53,7 +53,7 @@ void Explorer::begin(const Pose2<Map, Body>& home) {
     policy_ = &chosen();
     policy_->begin(home);
     field_due_ = field_started_ = has_way_ = blocked_ = false;
-    left_[0] = left_[1] = Past{};
+    left_ = Past{};
     goals_ = back_and_forth_ = 0;
 }
 
@@ -97,14 +97,14 @@ void Explorer::take(const OccupancyGrid& grid, const PolicyAnswer& answer) {
     const bool moved = !goal_.valid || std::hypot(answer.look_x_m - goal_.answer.look_x_m, answer.look_y_m - goal_.answer.look_y_m) > kSameGoalM;
     if (goal_.valid && moved && answer.path == nullptr) {
         const float known_m2 = grid.known_area_m2();
-        const Past& before = left_[0];
+        const Past& before = left_;
+        const bool open = FrontierSearch::is_frontier(grid, grid.find(goal_.answer.look_x_m, goal_.answer.look_y_m)) && fate_ == GoalFate::under_way;
         // Back to the goal left last, from one that is still open as well, with nothing learned in between.
-        if (before.known_m2 >= 0.0F && before.open && !goal_.answer.seen && known_m2 - before.known_m2 < kNewsM2 &&
+        if (before.known_m2 >= 0.0F && before.open && open && known_m2 - before.known_m2 < kNewsM2 &&
             std::hypot(answer.look_x_m - before.x_m, answer.look_y_m - before.y_m) < kSameGoalM) {
             ++back_and_forth_;
         }
-        left_[1] = left_[0];
-        left_[0] = {goal_.answer.look_x_m, goal_.answer.look_y_m, known_m2, !goal_.answer.seen && fate_ == GoalFate::under_way};
+        left_ = {goal_.answer.look_x_m, goal_.answer.look_y_m, known_m2, open};
     }
     ++goals_;
     goal_.valid = true;

@@ -102,7 +102,7 @@ private:
     std::int64_t field_us_ = 0;       ///< when the field flown was done
     std::int64_t progress_us_ = -1;   ///< when the vehicle last came nearer to the goal; -1: begins now
     std::uint32_t least_cost_ = 0;    ///< of the way left, so far
-    Past left_[2];                    ///< goals left last, newest first
+    Past left_;                       ///< goal left last
     std::uint32_t goals_ = 0;
     std::uint32_t back_and_forth_ = 0;
 };
