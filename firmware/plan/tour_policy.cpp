@@ -169,7 +169,11 @@ bool TourPolicy::came_from(const MapView& map, const Frontier& front) const {
 
 void TourPolicy::decide(const MapView& map) {
     const std::size_t n = stops_.size();
-    if (answer_.valid && answer_.seen) { answer_.valid = false; }
+    if (answer_.valid && answer_.seen) {
+        answer_.valid = false;
+        left_ = goal_;   // an edge that flickers back into view is no reason to turn round
+        left_known_m2_ = map.grid.known_area_m2();
+    }
     if (n == 0U) {
         last_tour_.clear();
         if (answer_.valid && map.survey.costs().cost(answer_.cell) == CostField::kFar) { answer_.valid = false; }

@@ -1,0 +1,62 @@
+"""The pure parts of the exploration bench: ratios in pairs, intervals, what never reached 99 % counts."""
+
+import math
+
+import numpy as np
+import pytest
+
+from noctule import bench_exploration as bench
+from noctule.settings import POLICIES
+
+
+def result(world, seed, policy, t99, **more):
+    return {"world": world, "seed": seed, "policy": policy, "time_to_99_s": t99, "path_to_99_m": None if t99 is None else t99 / 2, "path_m": 300.0,
+            "exploring_s": 100.0, "completed": True, "explored_fraction": 0.99, "least_clearance_m": 0.07, "back_and_forth": 0, "switches": 1,
+            "stuck": 0, "plan_ms": (0.5, 2.0, 3.0), **more}
+
+
+def test_ratios_pair_the_seeds_that_both_policies_flew():
+    results = [result("a", 1, "tour", 50.0), result("a", 1, "frontier", 100.0), result("a", 2, "frontier", 400.0),
+               result("b", 1, "tour", 80.0), result("c", 1, "frontier", 10.0)]
+    assert bench.ratios(results, bench.time_to_99) == {"a": 0.5}
+
+
+def test_never_reaching_99_percent_counts_as_the_greatest_time_for_either_policy():
+    for policy in bench.COMPARED:
+        assert bench.time_to_99(result("a", 1, policy, None)) == bench.MAX_TIME_S
+        assert bench.path_to_99(result("a", 1, policy, None)) == 300.0
+
+
+def test_the_interval_holds_the_mean_and_narrows_with_worlds():
+    rng = np.random.default_rng(1)
+    few, many = rng.normal(0.8, 0.1, 5), rng.normal(0.8, 0.1, 200)
+    low, high = bench.bootstrap(few)
+    assert low < few.mean() < high
+    tight = bench.bootstrap(many)
+    assert tight[1] - tight[0] < high - low
+
+
+def test_rows_say_missed_for_a_flight_that_did_not_complete():
+    results = [result("a", 1, "tour", 50.0, completed=False), result("a", 1, "frontier", 100.0)]
+    rows = {r["name"]: r for r in bench.rows_of(results, {"a": 40.0})}
+    completed = rows["default: completed, explored_fraction at least 0.97"]
+    assert (completed["value"], completed["must"]) == (0, "== 1")
+    assert rows["time to 99 %, against nearest frontier, mean over worlds"]["value"] == pytest.approx(0.5)
+    assert rows["a tour that knows the building, at 0.7 m/s, against nearest frontier"]["value"] == pytest.approx(0.4)
+
+
+def test_policies_are_named_in_the_order_of_the_parameter():
+    from noctule.params_gen import TABLE
+
+    row = next(r for r in TABLE if r.name == "policy")
+    assert (row.min, row.max) == (0, len(POLICIES) - 1)
+    assert POLICIES.index("tour") == 0 and math.isclose(row.default, 0.0)
+
+
+def test_an_unknown_policy_is_refused_with_one_line(capsys):
+    from noctule import cli
+
+    with pytest.raises(SystemExit) as stop:
+        cli.main(["fly", "maze_a", "--policy", "greedy"])
+    assert stop.value.code == 2
+    assert "greedy" in capsys.readouterr().err
