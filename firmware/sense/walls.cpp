@@ -347,8 +347,12 @@ void WallExtractor::fit_and_add(const LevelScan& scan) {
     wall.to_m = to_m;
     wall.points = used;
     // Equation 3: at the middle of the points offset and direction are independent; the shear brings them to the foot.
-    const auto offset_var = static_cast<float>(1.0 / m.weight) + parameters_.wall_floor_m * parameters_.wall_floor_m;
-    const auto direction_var = static_cast<float>(1.0 / u2) + parameters_.wall_floor_rad * parameters_.wall_floor_rad;
+    // The floors are told for the told noise: what a fit leaves unsaid (points left out, ends) grows with it.
+    const float rough = noise_m_ / parameters_.laser_range_noise_m;
+    const float floor_m = rough * parameters_.wall_floor_m;
+    const float floor_rad = rough * parameters_.wall_floor_rad;
+    const auto offset_var = static_cast<float>(1.0 / m.weight) + floor_m * floor_m;
+    const auto direction_var = static_cast<float>(1.0 / u2) + floor_rad * floor_rad;
     wall.covariance = LineCovariance{offset_var, 0.0F, direction_var}.sheared(wall.lever_m);
 
     std::size_t index = walls_.size();
