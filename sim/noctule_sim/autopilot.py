@@ -11,17 +11,21 @@ from __future__ import annotations
 import enum
 import math
 
-from .autopilot_control import Controller, Setpoint
+from .autopilot_control import CARRY_S, Controller, Setpoint
 from .autopilot_estimator import Estimator
 from .vehicle import GRAVITY_M_S2, Airframe
 
 STREAM_GAP_S = 0.5            # setpoints must come at 2 Hz or more
-STREAM_WANTED_S = 1.0         # for so long before OFFBOARD is accepted
-OFFBOARD_LOSS_S = 1.0         # PX4: COM_OF_LOSS_T
+STREAM_WANTED_S = 1.5         # for so long before OFFBOARD is accepted
+OFFBOARD_LOSS_S = 1.0         # PX4: COM_OF_LOSS_T; then it holds
+OFFBOARD_LAND_S = 3.0         # PX4: and lands so long after the last setpoint
 GUIDED_TIMEOUT_S = 3.0        # ArduPilot: GUID_TIMEOUT
 ODOMETRY_ARM_S = 0.5          # arming wants ODOMETRY younger than this
 ODOMETRY_STEADY_S = 1.0       # and unbroken for this long
-ODOMETRY_LOSS_S = 3.0         # position counts as lost after this
+# Position counts as lost this long after the last ODOMETRY; until then it is flown on inertial dead reckoning and all looks healthy.
+ODOMETRY_LOSS_S = {"px4": 5.0, "ardupilot": 8.0}
+# ArduPilot compares its inertial sensors before it arms and refuses for this long ("Accels inconsistent").
+ARM_SETTLE_S = {"px4": 0.0, "ardupilot": 25.0}
 DISARM_LANDED_S = 2.0         # PX4: COM_DISARM_LAND
 DISARM_IDLE_S = 10.0          # PX4: COM_DISARM_PRFLT
 SPOOL_UP_S = 0.8              # rotors come up from idle over this
@@ -83,7 +87,8 @@ class Autopilot:
             raise ValueError(f"autopilot flavour '{flavour}' is not one of {', '.join(MODE_NAMES)}")
         self.flavour = flavour
         self.estimator = Estimator()
-        self.controller = Controller(airframe)
+        self.controller = Controller(airframe, GUIDED_TIMEOUT_S if flavour == "ardupilot" else CARRY_S)
+        self.arm_settle_s = ARM_SETTLE_S[flavour]
         self.armed = False
         self.mode = Mode.hold if flavour == "px4" else Mode.manual
         self.landed = Landed.on_ground
@@ -98,6 +103,7 @@ class Autopilot:
         self._press = 1.0
         self._lost_said = False
         self._timed_out = False
+        self._offboard_lost_us: int | None = None
 
     # ------------------------------------------------------------ what comes in
 
@@ -118,6 +124,11 @@ class Autopilot:
         self._setpoint = new
         self._timed_out = False
         return True
+
+    def stop_here(self) -> None:
+        """ArduPilot, at a setpoint in a frame that it does not know: it stops on the spot."""
+        if self.mode is Mode.offboard:
+            self._setpoint = self._here()
 
     def set_mode(self, mode: Mode) -> str | None:
         """Ask for a mode. None: accepted; else why not."""
@@ -177,7 +188,7 @@ class Autopilot:
     @property
     def position_known(self) -> bool:
         """The horizontal position is aided, or was a short time ago."""
-        return self.estimator.odometry_age_s() < ODOMETRY_LOSS_S
+        return self.estimator.odometry_age_s() < ODOMETRY_LOSS_S[self.flavour]
 
     @property
     def setpoint_age_s(self) -> float:
@@ -285,7 +296,7 @@ class Autopilot:
         if self._setpoint is None or self.setpoint_age_s > STREAM_GAP_S:
             return "no setpoints"
         if (now - self._stream_since_us) * 1e-6 < STREAM_WANTED_S:
-            return "setpoints must flow for a second first"
+            return "setpoints must flow first"
         return None
 
     def _mode_refusal(self, mode: Mode) -> str | None:
@@ -305,6 +316,8 @@ class Autopilot:
             return "no external position (ODOMETRY is missing or its quality is negative)"
         if e.steady_s() < ODOMETRY_STEADY_S:
             return "position estimate not yet steady"
+        if e.t_us * 1e-6 < self.arm_settle_s:
+            return "PreArm: Accels inconsistent"
         if 1.0 - 2.0 * (e.qx * e.qx + e.qy * e.qy) < 0.94:
             return "not level"
         if self.battery < 0.15:
@@ -318,24 +331,29 @@ class Autopilot:
     def _failsafes(self) -> None:
         flying = self.landed is not Landed.on_ground
         age = self.estimator.odometry_age_s()
-        if age > ODOMETRY_LOSS_S:
+        if age > ODOMETRY_LOSS_S[self.flavour]:
             if not self._lost_said:
                 self._lost_said = True
-                self._say(Severity.critical, f"Failsafe: position lost, no ODOMETRY for {age:.1f} s")
+                cause = "EKF variance" if self.flavour == "ardupilot" else "position lost"
+                self._say(Severity.critical, f"Failsafe: {cause}, no ODOMETRY for {age:.1f} s")
                 if self.mode is not Mode.land:
                     self._enter(Mode.land)
         elif age < 0.5:
             self._lost_said = False
         if self.mode is Mode.offboard and self._setpoint is not None and not self._timed_out:
             if self.flavour == "px4" and self.setpoint_age_s > OFFBOARD_LOSS_S:
-                self._say(Severity.critical, "Failsafe: offboard control lost, landing")
-                self._enter(Mode.land)
+                self._say(Severity.critical, "Failsafe: offboard control lost")
+                self._enter(Mode.hold)
+                self._offboard_lost_us = self._setpoint.t_us
             elif self.flavour == "ardupilot" and self.setpoint_age_s > GUIDED_TIMEOUT_S and flying:
                 v = self._setpoint
                 if v.vx or v.vy or v.vz:  # position-only targets never time out there
                     self._timed_out = True
                     self._target = self._here()
                     self._say(Severity.warning, "Guided: target timed out, stopping")
+        if self._offboard_lost_us is not None and self.mode is Mode.hold and (
+                (self.estimator.t_us - self._offboard_lost_us) * 1e-6 > OFFBOARD_LAND_S):
+            self._enter(Mode.land)
         if flying and self.battery < BATTERY_FAILSAFE and self.mode is not Mode.land:
             self._say(Severity.critical, "Failsafe: battery, landing")
             self._enter(Mode.land)
@@ -345,6 +363,7 @@ class Autopilot:
             self._target = self._here()
         self.mode = mode
         self._timed_out = False
+        self._offboard_lost_us = None
         self._say(Severity.info, f"Mode {self.name()}")
 
     def _stop(self, text: str | None) -> None:

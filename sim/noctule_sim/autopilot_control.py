@@ -29,7 +29,7 @@ SINK_MAX_M_S = 1.0
 ACCEL_MAX_M_S2 = 4.0
 RATE_MAX_RAD_S = 3.5
 YAW_RATE_MAX_RAD_S = 1.8
-CARRY_S = 0.10              # a position setpoint is carried on with its velocity for at most this long
+CARRY_S = 0.10              # PX4 keeps a setpoint as it is; this bridges the time between two
 FEED_ACCEL_MAX_M_S2 = 2.0
 BLIND_ACCEL_MAX_M_S2 = 1.5
 IDLE_SHARE = 0.01           # rotor thrust share when armed on the ground
@@ -59,10 +59,16 @@ class Setpoint:
 
 
 class Controller:
-    """Turns a setpoint and the estimate into rotor demands. `lift` is the collective thrust asked for, 1 is hover."""
+    """Turns a setpoint and the estimate into rotor demands. `lift` is the collective thrust asked for, 1 is hover.
 
-    def __init__(self, airframe: Airframe):
+    Args:
+        airframe: constants of the vehicle.
+        carry_s: a position setpoint is carried on with its velocity for at most this long (ArduPilot: until its time-out).
+    """
+
+    def __init__(self, airframe: Airframe, carry_s: float = CARRY_S):
         self.airframe = airframe
+        self.carry_s = carry_s
         self.rotors = [0.0, 0.0, 0.0, 0.0]
         self.lift = 0.0
         self.climb_wanted_m_s = 0.0
@@ -97,7 +103,7 @@ class Controller:
             ay = max(-BLIND_ACCEL_MAX_M_S2, min(BLIND_ACCEL_MAX_M_S2, -0.5 * VELOCITY_P * e.vy))
             climb = sp.vz
         else:
-            carry = min(CARRY_S, max(0.0, (e.t_us - sp.t_us) * 1e-6))
+            carry = min(self.carry_s, max(0.0, (e.t_us - sp.t_us) * 1e-6))
             vx = sp.vx + POSITION_P * (sp.x + carry * sp.vx - e.x)
             vy = sp.vy + POSITION_P * (sp.y + carry * sp.vy - e.y)
             speed = math.sqrt(vx * vx + vy * vy)

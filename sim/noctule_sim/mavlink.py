@@ -30,6 +30,9 @@ _ARDUPILOT = {Mode.manual: 0, Mode.hold: 5, Mode.takeoff: 3, Mode.offboard: 4, M
 _PX4_PARAMETERS = {"COM_OF_LOSS_T": 1.0, "COM_DISARM_LAND": 2.0, "EKF2_EV_CTRL": 15, "EKF2_HGT_REF": 3, "EKF2_GPS_CTRL": 0, "EKF2_MAG_TYPE": 5}
 _ARDUPILOT_PARAMETERS = {"GUID_TIMEOUT": 3.0, "DISARM_DELAY": 2.0, "VISO_TYPE": 1, "EK3_SRC1_POSXY": 6, "EK3_SRC1_VELXY": 6, "EK3_SRC1_POSZ": 6,
                          "EK3_SRC1_VELZ": 6, "EK3_SRC1_YAW": 6, "COMPASS_ENABLE": 0, "WP_YAW_BEHAVIOR": 0}
+_BODY_FRAMES = (mav.MAV_FRAME_BODY_NED, mav.MAV_FRAME_BODY_OFFSET_NED)
+_SETPOINT_FRAMES = {"px4": (mav.MAV_FRAME_LOCAL_NED, mav.MAV_FRAME_BODY_NED),
+                    "ardupilot": (mav.MAV_FRAME_LOCAL_NED, mav.MAV_FRAME_LOCAL_OFFSET_NED, *_BODY_FRAMES)}
 _IGNORE_POSITION, _IGNORE_VELOCITY, _IGNORE_YAW = 0x0007, 0x0038, 0x0400
 
 
@@ -49,9 +52,12 @@ def mode_of(flavour: str, main: int, sub: int) -> Mode | None:
     return found[0] if found else None
 
 
-def odometry_from(message) -> OdometryIn | None:
-    """ODOMETRY in local FRD or NED with velocity in Body FRD (or in the local frame). None: other frames, a broken quaternion."""
+def odometry_from(message, flavour: str = "px4") -> OdometryIn | None:
+    """ODOMETRY in local FRD or NED with velocity in Body FRD (or in the local frame); ArduPilot takes LOCAL_FRD with BODY_FRD only. None:
+    other frames, a broken quaternion."""
     if message.frame_id not in (mav.MAV_FRAME_LOCAL_FRD, mav.MAV_FRAME_LOCAL_NED):
+        return None
+    if flavour == "ardupilot" and (message.frame_id, message.child_frame_id) != (mav.MAV_FRAME_LOCAL_FRD, mav.MAV_FRAME_BODY_FRD):
         return None
     w, x, y, z = message.q[0], message.q[1], -message.q[2], -message.q[3]   # to forward-left-up
     n = w * w + x * x + y * y + z * z
@@ -200,10 +206,8 @@ class MavlinkLink:
         kind = message.get_type()
         simulation = self.simulation
         if kind == "ODOMETRY":
-            odometry = odometry_from(message)
-            if odometry is None:
-                self._once("ODOMETRY refused: wants LOCAL_FRD with BODY_FRD")
-            else:
+            odometry = odometry_from(message, self.flavour)
+            if odometry is not None:   # another frame is dropped in silence, as both real ones do
                 simulation.post_odometry(odometry)
             return message.time_usec == until_us
         if kind == "SET_POSITION_TARGET_LOCAL_NED":
@@ -243,18 +247,27 @@ class MavlinkLink:
         return mav.MAVLink_param_value_message(name.encode(), value, mav.MAV_PARAM_TYPE_REAL32, len(self._parameters), index)
 
     def _setpoint(self, m) -> None:
-        mask = m.type_mask
+        mask, frame = m.type_mask, m.coordinate_frame
         position, velocity = mask & _IGNORE_POSITION == 0, mask & _IGNORE_VELOCITY == 0
-        if m.coordinate_frame != mav.MAV_FRAME_LOCAL_NED or not (position or velocity):
-            self._once("Setpoint refused: wants LOCAL_NED with position or velocity")
-            return
         simulation = self.simulation
+        if frame not in _SETPOINT_FRAMES[self.flavour]:
+            if self.flavour == "ardupilot":
+                simulation.post(simulation.autopilot.stop_here)
+            return
+        if frame == mav.MAV_FRAME_BODY_NED and self.flavour == "px4":
+            position = False               # it is dropped in silence
+        if not (position or velocity):
+            return
 
         def act() -> None:
             e = simulation.autopilot.estimator
-            yaw = e.yaw_rad if mask & _IGNORE_YAW else math.remainder(-m.yaw, 2.0 * math.pi)
-            x, y, z = (m.x, -m.y, -m.z) if position else (e.x, e.y, e.z)
+            c, s = (math.cos(e.yaw_rad), math.sin(e.yaw_rad)) if frame in _BODY_FRAMES else (1.0, 0.0)
+            yaw = e.yaw_rad if mask & _IGNORE_YAW else math.remainder(-m.yaw + (e.yaw_rad if frame in _BODY_FRAMES else 0.0), 2.0 * math.pi)
+            x, y, z = (m.x, -m.y, -m.z) if position else (0.0, 0.0, 0.0)
             vx, vy, vz = (m.vx, -m.vy, -m.vz) if velocity else (0.0, 0.0, 0.0)
+            x, y, vx, vy = c * x - s * y, s * x + c * y, c * vx - s * vy, s * vx + c * vy
+            if not position or frame != mav.MAV_FRAME_LOCAL_NED:   # an offset from where the vehicle is
+                x, y, z = e.x + x, e.y + y, e.z + z
             simulation._take_setpoint(SetpointIn(x, y, z, vx, vy, vz, yaw))
 
         simulation.setpoints_received += 1

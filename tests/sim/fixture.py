@@ -37,6 +37,7 @@ class Flight:
 
     def __init__(self, seed=1, profile="default", noise_m=0.01, setpoints=hold, arm_at_s=2.0, mute=None, **options):
         self.simulation = Simulation(hall(), seed, profile, **options)
+        self.simulation.autopilot.arm_settle_s = 0.0
         self._setpoints, self._arm_at_s, self._noise_m, self._mute = setpoints, arm_at_s, noise_m, mute or (lambda t: False)
         self._rng = np.random.default_rng(99)
         self.said, self.ticks, self._rows = [], [], []

@@ -92,7 +92,7 @@ def test_arming_is_refused_on_lost_quality():
     assert "ODOMETRY" in autopilot.arm()
 
 
-def test_offboard_wants_a_second_of_setpoints():
+def test_offboard_wants_setpoints_for_a_second_and_a_half():
     refused = Flight(setpoints=lambda t: hold(t) if t > 1.5 else None, arm_at_s=2.0).run(3.0)
     assert refused.heard("denied: setpoints must flow")
     slow = Flight(setpoints=lambda t: hold(t) if round(t * 20) % 14 == 0 else None, arm_at_s=4.0).run(5.0)   # 1.4 Hz
@@ -108,6 +108,7 @@ def test_guided_wants_no_stream():
 def test_px4_lands_when_setpoints_stop():
     flight = Flight(faults={"setpoint-cut": 10.0}).run(30.0)
     assert flight.heard("offboard control lost") == pytest.approx(11.05, abs=0.2)
+    assert flight.heard("AUTO.LOITER") == pytest.approx(11.05, abs=0.2) and flight.heard("AUTO.LAND") == pytest.approx(13.05, abs=0.2)
     assert flight.simulation.outcome.name == "landed"
 
 
@@ -117,15 +118,36 @@ def test_ardupilot_holds_on_position_targets_and_stops_on_velocity_targets():
     moving = Flight(flavour="ardupilot", faults={"setpoint-cut": 10.0},
                     setpoints=lambda t: SetpointIn(max(0.0, t - 8) * 0.3, 0, 1.0, 0.3 if t > 8 else 0.0, 0, 0, 0)).run(20.0)
     assert moving.heard("timed out") == pytest.approx(13.05, abs=0.2)
+    # It flies on for these three seconds, and comes back to nothing: the target moved with it.
+    at = lambda t: moving.true[np.searchsorted(moving.t_s, t), 0]
+    assert at(13.0) - at(10.0) == pytest.approx(0.9, abs=0.15) and moving.true[-1, 0] > at(13.0) - 0.1
 
 
 def test_without_odometry_the_position_drifts_and_the_failsafe_lands_it():
     flight = Flight(faults={"odometry-cut": 12.0}, noise_m=0.02).run(40.0)
     off = np.hypot(*(flight.believed - flight.true)[:, :2].T)
     aided, alone = (flight.t_s > 6.0) & (flight.t_s < 12.0), flight.t_s > 12.0
-    assert flight.heard("position lost") == pytest.approx(15.05, abs=0.2)
+    assert flight.heard("position lost") == pytest.approx(17.05, abs=0.2)
     assert off[alone].max() > 3.0 * off[aided].mean()
     assert flight.simulation.outcome.name == "landed"
+
+
+def test_ardupilot_notices_the_loss_of_vision_three_seconds_later_than_px4():
+    flight = Flight(flavour="ardupilot", faults={"odometry-cut": 12.0}, noise_m=0.02).run(45.0)
+    assert flight.heard("EKF variance") == pytest.approx(20.05, abs=0.2) and flight.heard("Mode LAND") == pytest.approx(20.05, abs=0.2)
+    assert flight.simulation.outcome.name == "landed"
+
+
+def test_ardupilot_refuses_to_arm_until_its_sensors_agree():
+    autopilot = Autopilot(Airframe(), "ardupilot")
+    autopilot.mode = Mode.offboard
+    answers = {}
+    for k in range(1, 6500):
+        autopilot.imu(4000 * k, 0.004, 0, 0, GRAVITY_M_S2, 0, 0, 0)
+        autopilot.odometry(4000 * k, 0, 0, 0.1, 0, 0, 0, 0, 90, 0)
+        if k in (6200, 6300):
+            answers[k] = autopilot.arm()
+    assert "Accels inconsistent" in answers[6200] and answers[6300] is None
 
 
 def test_the_autopilot_flies_what_it_is_told_not_the_truth():

@@ -143,6 +143,38 @@ def test_odometry_is_turned_into_map():
     assert odometry_from(message) is None
 
 
+def test_ardupilot_takes_odometry_in_one_pair_of_frames_only():
+    for frame, child, px4, ardupilot in ((20, 12, True, True), (1, 12, True, False), (20, 8, True, False), (20, 20, True, False), (12, 12, False, False)):
+        message = mav.MAVLink_odometry_message(5, frame, child, 1, -2, -3, [1, 0, 0, 0], 0.5, 0, 0, 0, 0, 0, [0] * 21, [0] * 21, 3, 6, 70)
+        assert (odometry_from(message, "px4") is not None, odometry_from(message, "ardupilot") is not None) == (px4, ardupilot), (frame, child)
+
+
+@pytest.mark.parametrize("flavour, frame, wanted", [
+    # At (1, 2, 3) with the nose to the left: what a target of 0.5 m north, 0.2 m/s north, becomes. None: not taken.
+    ("px4", 1, (0.5, 0, 0, 0.2, 0)), ("px4", 8, (1, 2, 3, 0, 0.2)), ("px4", 7, None), ("px4", 20, None),
+    ("ardupilot", 1, (0.5, 0, 0, 0.2, 0)), ("ardupilot", 7, (1.5, 2, 3, 0.2, 0)), ("ardupilot", 8, (1, 2.5, 3, 0, 0.2)), ("ardupilot", 9, (1, 2.5, 3, 0, 0.2)),
+    ("ardupilot", 20, "stops"), ("ardupilot", 12, "stops"),
+])
+def test_setpoint_frames_are_taken_as_the_real_ones_take_them(flavour, frame, wanted):
+    simulation = Simulation(hall(), flavour=flavour)
+    link = MavlinkLink(simulation, 9)
+    autopilot = simulation.autopilot
+    e = autopilot.estimator
+    e.x, e.y, e.z, e.qw, e.qz = 1.0, 2.0, 3.0, math.sqrt(0.5), math.sqrt(0.5)
+    autopilot.mode = Mode.offboard
+    link._handle(mav.MAVLink_set_position_target_local_ned_message(0, 1, 1, frame, 0x0DC0, 0.5, 0, 0, 0.2, 0, 0, 0, 0, 0, 0, 0), None)
+    for _, action in simulation._pending:
+        action()
+    link.close()
+    got = autopilot._setpoint
+    if wanted is None:
+        assert got is None
+    elif wanted == "stops":
+        assert (got.x, got.y, got.z, got.vx) == (1.0, 2.0, 3.0, 0.0)
+    else:
+        assert (got.x, got.y, got.z, got.vx, got.vy) == pytest.approx(wanted)
+
+
 def test_modes_have_the_flavours_numbers():
     assert custom_mode("px4", Mode.offboard) == 6 << 16 and custom_mode("px4", Mode.land) == 4 << 16 | 6 << 24
     assert custom_mode("ardupilot", Mode.offboard) == 4 and custom_mode("ardupilot", Mode.land) == 9
