@@ -1,6 +1,7 @@
 /// ArduCopter: GUIDED follows setpoints in the air only; on the ground it waits for MAV_CMD_NAV_TAKEOFF. Position with velocity lets its
 /// own time-out act (position alone never times out). Arming may be refused for long while its filter settles: it is asked again.
 #include "link/flavour.hpp"
+#include "link/mavlink.hpp"
 
 namespace noctule {
 
@@ -42,6 +43,6 @@ constexpr PreflightRow kPreflight[] = {
 
 }  // namespace
 
-const Flavour kArdupilot{"ArduPilot", mode(kGuided), mode(kLand), true, &name, true, kPreflight};
+const Flavour kArdupilot{"ArduPilot", mode(kGuided), mode(kLand), true, &name, true, kPreflight, MAV_ESTIMATOR_TYPE_LIDAR};
 
 }  // namespace noctule

@@ -362,7 +362,8 @@ void Bridge::on_odom(const odom_t& message) {
         out.quality = -1;
     }
     out.reset_counter += reset_offset_;
-    const mavlink_odometry_t odometry = to_odometry(out);
+    mavlink_odometry_t odometry = to_odometry(out);
+    odometry.estimator_type = flavour_ != nullptr ? flavour_->odometry_estimator : std::uint8_t{MAV_ESTIMATOR_TYPE_UNKNOWN};
     send_autopilot(mavlink_msg_odometry_encode_status, odometry);
     ++counters_.odometry_sent;
     if (usable) { last_odom_ = message; }

@@ -19,6 +19,7 @@ constexpr std::int64_t kVehiclePeriod_us = kSecond_us / 5;   // streams.toml, VE
 constexpr std::int64_t kStreamsPeriod_us = 5 * kSecond_us;
 constexpr std::int64_t kLocalFresh_us = kSecond_us / 2;
 constexpr std::int64_t kRepeatedText_us = 5 * kSecond_us;
+constexpr float kBelowFloor_m = 0.2F;                        // a setpoint so far below the vehicle cannot be followed: the floor is there
 constexpr float kTextBurst = 8.0F;
 constexpr float kBaro_hz = 20.0F;                            // streams.toml, BARO
 constexpr float kTexts_hz = 2.0F;
@@ -41,6 +42,7 @@ FlightView Bridge::view() const {
     v.nav_done = nav_heard_ && nav_.want_disarm != 0;
     const auto state = static_cast<MissionState>(nav_.state);
     v.nav_landing = nav_heard_ && (state == MissionState::landing || state == MissionState::landed);
+    v.below_floor = nav_heard_ && nav_.setpoint_valid != 0 && nav_.setpoint_z_m < nav_.z_m - kBelowFloor_m;
     v.fault = supervisor_.judge(now_us_);
     return v;
 }

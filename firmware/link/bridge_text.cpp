@@ -70,6 +70,7 @@ const char* notice_text(const Notice notice) {
         case Notice::held: return "holding position";
         case Notice::resumed: return "setpoints are back, going on";
         case Notice::landing_ordered: return "landing";
+        case Notice::touched_down: return "on the floor, landing mode";
         case Notice::completed: return "disarmed";
         case Notice::pilot_took_over: return "yielded, mode is";
         case Notice::pilot_armed: return "yielded: armed by somebody else";

@@ -34,6 +34,7 @@ struct Flavour {
     const char* (*mode_name)(std::uint32_t custom_mode);
     bool cast_integers;         ///< PARAM values of whole numbers are cast to float (else their bytes are copied)
     std::span<const PreflightRow> preflight;
+    std::uint8_t odometry_estimator;  ///< MAV_ESTIMATOR_TYPE under which it takes our ODOMETRY
 };
 
 extern const Flavour kPx4;

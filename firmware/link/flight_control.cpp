@@ -7,6 +7,7 @@ namespace {
 constexpr float kMicroseconds = 1e6F;
 constexpr std::int64_t kRepeat_us = 1000000;         // an autopilot shows mode and arming in its heartbeat, once a second
 constexpr std::int64_t kStreamGiveUp_us = 10000000;  // nav must give a setpoint within this time after the start
+constexpr std::int64_t kPressed_us = 1000000;        // on the floor for so long: no bump, no gust
 constexpr std::int64_t kTakeoffWait_us = 10000000;   // after this the take-off command has failed: go on by setpoints
 
 std::int64_t to_us(const float seconds) { return static_cast<std::int64_t>(seconds * kMicroseconds); }
@@ -21,6 +22,7 @@ bool FlightControl::start(const FlightView& view) {
     mission_lost_ = false;
     takeoff_pending_ = false;
     land_mode_seen_ = false;
+    pressed_since_us_ = -1;
     stream_since_us_ = -1;
     mode_before_ = view.custom_mode;
     static_cast<void>(enter(Phase::streaming, view, Notice::start_sequence));
@@ -117,6 +119,16 @@ FlightStep FlightControl::step_flying(const FlightView& view) {
             return enter(Phase::landing, view, Notice::landing_ordered, view.fault);
         }
         return enter(Phase::holding, view, Notice::held, view.fault);
+    }
+    // Not every autopilot's land detector looks at a descent by setpoints (PX4 wants a faster one than is kind to the legs): its own landing
+    // mode does, on the spot.
+    const bool pressed = view.nav_landing && !view.nav_done && view.below_floor;
+    if (!pressed) {
+        pressed_since_us_ = -1;
+    } else if (pressed_since_us_ < 0) {
+        pressed_since_us_ = view.now_us;
+    } else if (view.now_us - pressed_since_us_ > kPressed_us) {
+        return enter(Phase::landing, view, Notice::touched_down);
     }
     if (takeoff_pending_) {
         if (view.in_air || view.now_us - entered_us_ > kTakeoffWait_us) {

@@ -36,6 +36,7 @@ enum class Notice : std::uint8_t {
     held,
     resumed,
     landing_ordered,
+    touched_down,         ///< nav has set it down: the autopilot's own landing finds that out and switches off
     completed,            ///< landed and disarmed
     pilot_took_over,      ///< mode changed by somebody else
     pilot_armed,          ///< armed by somebody else during the start
@@ -58,6 +59,7 @@ struct FlightView {
     bool setpoint_fresh = false;       ///< a good setpoint within the time-out
     bool nav_done = false;             ///< nav says landed and wants the motors off
     bool nav_landing = false;          ///< nav is landing or has landed
+    bool below_floor = false;          ///< nav's setpoint is below what can be reached: the vehicle is on the floor
     Fault fault = Fault::none;         ///< the supervisor's verdict
 };
 
@@ -116,6 +118,7 @@ private:
     std::int64_t entered_us_ = 0;            ///< when the phase was entered
     std::int64_t stream_since_us_ = -1;      ///< since when good setpoints flow
     std::int64_t next_request_us_ = 0;
+    std::int64_t pressed_since_us_ = -1;     ///< since when the vehicle has been on the floor while nav lands it
 };
 
 }  // namespace noctule

@@ -1,5 +1,6 @@
 /// PX4: OFFBOARD follows setpoints and takes off by them. It wants them flowing (2 Hz or more, for a second) before it accepts the
-/// mode, fails safe COM_OF_LOSS_T after they stop, and answers an unknown mode with DENIED.
+/// mode, fails safe COM_OF_LOSS_T after they stop, and answers an unknown mode with DENIED. It refuses ODOMETRY of the estimator type
+/// LIDAR ("unsupported") and takes it as VISION.
 #include "link/flavour.hpp"
 #include "link/mavlink.hpp"
 
@@ -58,7 +59,7 @@ constexpr PreflightRow kPreflight[] = {
 
 }  // namespace
 
-const Flavour kPx4{"PX4", mode(kMainOffboard, 0), mode(kMainAuto, kSubLand), false, &name, false, kPreflight};
+const Flavour kPx4{"PX4", mode(kMainOffboard, 0), mode(kMainAuto, kSubLand), false, &name, false, kPreflight, MAV_ESTIMATOR_TYPE_VISION};
 
 const Flavour* flavour_of(const std::uint8_t mav_autopilot) {
     switch (mav_autopilot) {

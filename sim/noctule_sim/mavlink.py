@@ -30,6 +30,7 @@ _ARDUPILOT = {Mode.manual: 0, Mode.hold: 5, Mode.takeoff: 3, Mode.offboard: 4, M
 _PX4_PARAMETERS = {"COM_OF_LOSS_T": 1.0, "COM_DISARM_LAND": 2.0, "EKF2_EV_CTRL": 15, "EKF2_HGT_REF": 3, "EKF2_GPS_CTRL": 0, "EKF2_MAG_TYPE": 5}
 _ARDUPILOT_PARAMETERS = {"GUID_TIMEOUT": 3.0, "DISARM_DELAY": 2.0, "VISO_TYPE": 1, "EK3_SRC1_POSXY": 6, "EK3_SRC1_VELXY": 6, "EK3_SRC1_POSZ": 6,
                          "EK3_SRC1_VELZ": 6, "EK3_SRC1_YAW": 6, "COMPASS_ENABLE": 0, "WP_YAW_BEHAVIOR": 0}
+_PX4_ESTIMATORS = (mav.MAV_ESTIMATOR_TYPE_UNKNOWN, mav.MAV_ESTIMATOR_TYPE_NAIVE, mav.MAV_ESTIMATOR_TYPE_VISION, mav.MAV_ESTIMATOR_TYPE_VIO)
 _BODY_FRAMES = (mav.MAV_FRAME_BODY_NED, mav.MAV_FRAME_BODY_OFFSET_NED)
 _SETPOINT_FRAMES = {"px4": (mav.MAV_FRAME_LOCAL_NED, mav.MAV_FRAME_BODY_NED),
                     "ardupilot": (mav.MAV_FRAME_LOCAL_NED, mav.MAV_FRAME_LOCAL_OFFSET_NED, *_BODY_FRAMES)}
@@ -207,7 +208,9 @@ class MavlinkLink:
         simulation = self.simulation
         if kind == "ODOMETRY":
             odometry = odometry_from(message, self.flavour)
-            if odometry is not None:   # another frame is dropped in silence, as both real ones do
+            if self.flavour == "px4" and message.estimator_type not in _PX4_ESTIMATORS:
+                self._once(f"ODOMETRY: estimator_type {message.estimator_type} unsupported")
+            elif odometry is not None:   # another frame is dropped in silence, as both real ones do
                 simulation.post_odometry(odometry)
             return message.time_usec == until_us
         if kind == "SET_POSITION_TARGET_LOCAL_NED":

@@ -52,7 +52,7 @@ class Companion(threading.Thread):
                         self.say(order)
                     if m.time_usec * 1e-6 <= self.silent_after_s:
                         self.say(mav.MAVLink_odometry_message(m.time_usec, mav.MAV_FRAME_LOCAL_FRD, mav.MAV_FRAME_BODY_FRD, 0, 0, -0.12, [1, 0, 0, 0],
-                                                              0, 0, 0, 0, 0, 0, [0] * 21, [0] * 21, 0, mav.MAV_ESTIMATOR_TYPE_LIDAR, 90))
+                                                              0, 0, 0, 0, 0, 0, [0] * 21, [0] * 21, 0, mav.MAV_ESTIMATOR_TYPE_VISION, 90))
 
 
 def fly(companion, seconds, folder=None, **settings):
@@ -147,6 +147,16 @@ def test_ardupilot_takes_odometry_in_one_pair_of_frames_only():
     for frame, child, px4, ardupilot in ((20, 12, True, True), (1, 12, True, False), (20, 8, True, False), (20, 20, True, False), (12, 12, False, False)):
         message = mav.MAVLink_odometry_message(5, frame, child, 1, -2, -3, [1, 0, 0, 0], 0.5, 0, 0, 0, 0, 0, [0] * 21, [0] * 21, 3, 6, 70)
         assert (odometry_from(message, "px4") is not None, odometry_from(message, "ardupilot") is not None) == (px4, ardupilot), (frame, child)
+
+
+def test_px4_takes_no_odometry_of_a_lidar():
+    for flavour, estimator, taken in (("px4", 7, 0), ("px4", 2, 1), ("px4", 0, 1), ("ardupilot", 7, 1)):
+        simulation = Simulation(hall(), flavour=flavour)
+        link = MavlinkLink(simulation, 9)
+        message = mav.MAVLink_odometry_message(5, 20, 12, 1, -2, -3, [1, 0, 0, 0], 0.5, 0, 0, 0, 0, 0, [0] * 21, [0] * 21, 3, estimator, 70)
+        assert link._handle(message, 5)                     # the tick ends all the same
+        assert simulation.odometry_received == taken and bool(link._outbox) != bool(taken)
+        link.close()
 
 
 @pytest.mark.parametrize("flavour, frame, wanted", [

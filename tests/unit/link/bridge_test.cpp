@@ -1,4 +1,5 @@
 // The bridge's conduct: start sequence, the pilot's word, what it passes on.
+#include <memory>
 #include <unity.h>
 
 #include "unit/link/bridge_scene.hpp"
@@ -228,6 +229,58 @@ static void ardupilot_gets_guided_and_a_takeoff_command_before_setpoints() {
     TEST_ASSERT_GREATER_THAN_size_t(held_back + 10, Scene::count(s.out.autopilot, MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED));
 }
 
+/// PX4 finds no landing in OFFBOARD unless the setpoint sinks faster than is kind: its own landing mode ends the flight.
+static void on_the_floor_the_autopilots_own_landing_takes_over() {
+    static Scene s;
+    s.fly();
+    s.nav.state = static_cast<std::int32_t>(MissionState::landing);
+    s.odom.z_m = 0.4F;
+    s.hold_setpoint();
+    s.nav.setpoint_z_m = 0.25F;                    // still sinking: the setpoint is a little ahead
+    s.run(3.0);
+    TEST_ASSERT_EQUAL_UINT32(kOffboard, s.mode);
+    s.odom.z_m = 0.12F;
+    s.nav.setpoint_z_m = -0.3F;
+    s.run(0.8);
+    TEST_ASSERT_EQUAL_UINT32(kOffboard, s.mode);   // it may be a bump
+    s.run(1.0);
+    TEST_ASSERT_EQUAL_UINT32(4U << 16U | 6U << 24U, s.mode);
+    TEST_ASSERT_TRUE(s.said("on the floor"));
+    s.landed_state = MAV_LANDED_STATE_ON_GROUND;
+    s.run(1.0);
+    s.armed = false;                               // as the autopilot does after a landing of its own
+    s.run(1.5);
+    TEST_ASSERT_EQUAL_INT8(0, s.out.vehicle.back().mission_lost);
+    TEST_ASSERT_EQUAL_INT8(1, s.out.vehicle.back().landed);
+    TEST_ASSERT_FALSE(s.bridge.flight().active());
+    TEST_ASSERT_FALSE(s.said("yielded"));
+}
+
+/// PX4 1.17 answers the estimator type LIDAR with "unsupported" and flies without a position; ArduCopter looks at none.
+static void odometry_goes_out_under_an_estimator_type_that_the_autopilot_takes() {
+    struct Case {
+        std::uint8_t autopilot;
+        std::uint8_t estimator;
+    };
+    for (const Case c : {Case{MAV_AUTOPILOT_PX4, MAV_ESTIMATOR_TYPE_VISION}, Case{MAV_AUTOPILOT_ARDUPILOTMEGA, MAV_ESTIMATOR_TYPE_LIDAR},
+                         Case{MAV_AUTOPILOT_GENERIC, MAV_ESTIMATOR_TYPE_UNKNOWN}}) {
+        auto s = std::make_unique<Scene>();
+        s->autopilot_type = c.autopilot;
+        s->run(2.0);                 // until the autopilot's heartbeat it is not known
+        s->out.autopilot.clear();
+        s->run(1.0);
+        std::size_t found = 0;
+        for (const mavlink_message_t& m : s->out.autopilot) {
+            if (m.msgid != MAVLINK_MSG_ID_ODOMETRY) { continue; }
+            TEST_ASSERT_EQUAL_UINT8(c.estimator, mavlink_msg_odometry_get_estimator_type(&m));
+            TEST_ASSERT_EQUAL_UINT8(MAV_FRAME_LOCAL_FRD, mavlink_msg_odometry_get_frame_id(&m));
+            TEST_ASSERT_EQUAL_UINT8(MAV_FRAME_BODY_FRD, mavlink_msg_odometry_get_child_frame_id(&m));
+            ++found;
+        }
+        TEST_ASSERT_GREATER_THAN_size_t(15, found);
+    }
+}
+
 static void orders_of_the_ground_station_reach_nav_in_flight_only() {
     static Scene s;
     s.run(3.0);
@@ -418,6 +471,8 @@ int main() {
     RUN_TEST(refusals_to_change_mode_or_to_arm_end_the_start_in_time);
     RUN_TEST(after_landing_it_disarms_only_on_the_ground);
     RUN_TEST(ardupilot_gets_guided_and_a_takeoff_command_before_setpoints);
+    RUN_TEST(on_the_floor_the_autopilots_own_landing_takes_over);
+    RUN_TEST(odometry_goes_out_under_an_estimator_type_that_the_autopilot_takes);
     RUN_TEST(orders_of_the_ground_station_reach_nav_in_flight_only);
     RUN_TEST(ground_and_autopilot_hear_each_other_through_the_bridge);
     RUN_TEST(timesync_is_answered_on_the_autopilots_clock);
