@@ -8,9 +8,10 @@ set_target_properties(noctule_link PROPERTIES POSITION_INDEPENDENT_CODE ON)
 
 # ---- app: one small main a process; what the mains share is noctule_app
 file(GLOB app_sources CONFIGURE_DEPENDS firmware/app/*.cpp)
-list(FILTER app_sources EXCLUDE REGEX "(_main|_abi|/heap_count)\\.cpp$")
+list(FILTER app_sources EXCLUDE REGEX "(_main|_abi|/heap_count|/vision_node)\\.cpp$")
 add_library(noctule_app STATIC ${app_sources})
 target_link_libraries(noctule_app PUBLIC noctule_link PRIVATE noctule_options)
+set_target_properties(noctule_app PROPERTIES POSITION_INDEPENDENT_CODE ON)
 
 # ---- drivers: real sensors, each a process of its own
 file(GLOB driver_sources CONFIGURE_DEPENDS firmware/drivers/*.cpp)

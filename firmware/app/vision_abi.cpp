@@ -1,10 +1,16 @@
 // What Python loads of the recognition library (host/noctule/vision_abi.py): SURF and matching with thread CPU times.
+#include <malloc.h>
+
 #include <algorithm>
 #include <cstdint>
+#include <cstdio>
+#include <cstring>
 #include <ctime>
 #include <memory>
 #include <span>
+#include <string>
 
+#include "app/vision_node.hpp"
 #include "recognise/plane_fit.hpp"
 #include "recognise/surf.hpp"
 #include "recognise/surf_match.hpp"
@@ -62,3 +68,75 @@ extern "C" int noctule_plane_fit(const float* const pairs, const int count, cons
     std::copy(fit->H.begin(), fit->H.end(), H);
     return found ? fit->inliers : 0;
 }
+
+namespace {
+
+/// The recognition and its parameters, for Python.
+struct Vision {
+    noctule::Parameters parameters{};
+    noctule::VisionNode node{parameters};
+    std::string error;
+    std::array<std::uint8_t, 8192> encoded{};
+};
+
+template <class Message>
+bool decode(const std::uint8_t* const bytes, const int size, Message& message) {
+    return message.decode(bytes, 0, size) == size;
+}
+
+}  // namespace
+
+/// A recognition with a database (null: none) and a calibration (null: the simulator's). Null on failure; noctule_vision_error() says why.
+extern "C" Vision* noctule_vision_create(const char* const calibration, const char* const database, const int resume, char* const error, const int room) {
+    auto vision = std::make_unique<Vision>();
+    noctule::Recogniser& r = vision->node.recogniser();
+    const bool good = (calibration == nullptr || noctule::load_camera(calibration, r.camera(), vision->error)) &&
+                      (database == nullptr || (r.store().open(database, "in process") && r.store().load(r.memory(), resume != 0)));
+    if (good) { return vision.release(); }
+    std::snprintf(error, static_cast<std::size_t>(room), "%s", vision->error.empty() ? r.store().error().c_str() : vision->error.c_str());
+    return nullptr;
+}
+
+/// Sets a parameter by name or MAVLink id. 0: done, 1: no such name, 2: out of range.
+extern "C" int noctule_vision_set(Vision* const vision, const char* const name, const double value) {
+    const noctule::ParameterRow* const row = noctule::find_parameter(name);
+    if (row == nullptr) { return 1; }
+    return noctule::set_parameter(vision->parameters, *row, static_cast<float>(value)) == noctule::ParameterSet::stored ? 0 : 2;
+}
+
+extern "C" void noctule_vision_destroy(Vision* const vision) { delete vision; }
+
+/// One encoded NAV, SCAN or IMAGE. 1: taken; 0: another channel or not decodable.
+extern "C" int noctule_vision_receive(Vision* const vision, const char* const channel, const std::uint8_t* const bytes, const int size) {
+    static noctule::image_t image;
+    static noctule::scan_t scan;
+    if (std::strcmp(channel, "NAV") == 0) {
+        noctule::nav_t nav;
+        if (!decode(bytes, size, nav)) { return 0; }
+        vision->node.receive(nav);
+        return 1;
+    }
+    if (std::strcmp(channel, "SCAN") == 0) {
+        if (!decode(bytes, size, scan)) { return 0; }
+        vision->node.receive(scan);
+        return 1;
+    }
+    if (std::strcmp(channel, "IMAGE") == 0) {
+        if (!decode(bytes, size, image)) { return 0; }
+        noctule::objects_t given_way{};
+        static_cast<void>(vision->node.receive(image, given_way));
+        return 1;
+    }
+    return 0;
+}
+
+/// Looks at the waiting frame: the size of the encoded OBJECTS, whose bytes are put into *bytes and hold until the next call; 0: no frame waits.
+extern "C" int noctule_vision_look(Vision* const vision, const std::uint8_t** const bytes) {
+    if (!vision->node.waiting()) { return 0; }
+    const noctule::objects_t& answer = vision->node.look();
+    *bytes = vision->encoded.data();
+    return answer.encode(vision->encoded.data(), 0, static_cast<int>(vision->encoded.size()));
+}
+
+/// Heap bytes in use by this process.
+extern "C" long noctule_heap_bytes() { return static_cast<long>(mallinfo2().uordblks); }

@@ -59,5 +59,9 @@ inline constexpr std::size_t kMaxSurfPixels = 786432;    ///< pixels of an image
 inline constexpr std::size_t kMaxSurfSide = 1280;        ///< width and height; a longer one is refused
 inline constexpr std::size_t kMaxSurfFeatures = 2048;    ///< features of one image; the strongest stay
 inline constexpr std::size_t kMaxRegions = 32;           ///< regions of one frame, as in objects_t; the largest stay
+inline constexpr std::size_t kMaxObjects = 128;          ///< objects known at once; the candidate seen least gives way, then the newest is refused
+inline constexpr std::size_t kMaxObjectViews = 8;        ///< pictures of one object, one a sector of viewpoint; the better one stays
+inline constexpr std::size_t kMaxViewFeatures = 48;      ///< SURF features of one picture; the strongest stay
+inline constexpr std::size_t kMaxObjectSightings = 256;  ///< sightings of one object kept in the database; the oldest give way
 
 }  // namespace noctule

@@ -1,5 +1,8 @@
 #include "recognise/recogniser.hpp"
 
+#include <algorithm>
+#include <cmath>
+
 #include <opencv2/imgproc.hpp>
 
 namespace noctule {
@@ -35,21 +38,75 @@ const Recogniser::Sightings& Recogniser::process(const std::uint8_t* const bgr, 
     surf.octaves = p_.surf_octaves;
     surf.step_px = p_.surf_step_px;
     surf.most = p_.surf_most;
-    const Surf::Features& features = surf_.extract({grey_.data, width, height, static_cast<int>(grey_.step)}, surf);
+    surf_.extract({grey_.data, width, height, static_cast<int>(grey_.step)}, surf);
 
     for (const Region& region : regions) {
         Sighting sighting;
         sighting.region = region;
-        for (const SurfFeature& feature : features) {
-            const float x = feature.point.x_px - static_cast<float>(region.left_px);
-            const float y = feature.point.y_px - static_cast<float>(region.top_px);
-            if (x >= 0.0F && y >= 0.0F && x < static_cast<float>(region.width_px) && y < static_cast<float>(region.height_px)) {
-                ++sighting.features;
-            }
-        }
+        sighting.features = static_cast<std::int32_t>(features_in(region).size());
         static_cast<void>(sightings_.push(sighting));
     }
     return sightings_;
+}
+
+std::span<const SurfFeature> Recogniser::features_in(const Region& region) {
+    inside_.clear();
+    for (const SurfFeature& feature : surf_.features()) {
+        const float x = feature.point.x_px - static_cast<float>(region.left_px);
+        const float y = feature.point.y_px - static_cast<float>(region.top_px);
+        if (x >= 0.0F && y >= 0.0F && x < static_cast<float>(region.width_px) && y < static_cast<float>(region.height_px)) {
+            static_cast<void>(inside_.push(feature));
+        }
+    }
+    return {inside_.begin(), inside_.size()};
+}
+
+const Recogniser::Sightings& Recogniser::process(const std::uint8_t* const bgr, const std::size_t bytes, const int width, const int height,
+                                                 const std::int64_t t_us) {
+    const std::uint32_t before = counters_.frames;
+    process(bgr, bytes, width, height);
+    if (counters_.frames != before) { enter(cv::Mat(height, width, CV_8UC3, const_cast<std::uint8_t*>(bgr)), t_us); }
+    return sightings_;
+}
+
+void Recogniser::enter(const cv::Mat& image, const std::int64_t t_us) {
+    VehiclePose pose;
+    if (!history_.at(t_us, pose) || image.cols != camera_.width || image.rows != camera_.height) {
+        ++counters_.without_pose;
+        return;
+    }
+    placer_.start(camera_, pose, history_.points(t_us, {static_cast<double>(p_.lidar_x_m), static_cast<double>(p_.lidar_y_m),
+                                                        static_cast<double>(p_.lidar_z_m), static_cast<double>(p_.lidar_yaw_rad)}));
+    parts_.clear();
+    for (const Sighting& sighting : sightings_) { placer_.find(segmentation_.labels(), sighting.region, parts_); }
+    sightings_.clear();
+    std::array<std::int64_t, kMaxRegions> ids{};
+    std::size_t n = 0;
+    for (const Part& part : parts_) {
+        Observation seen;
+        seen.part = part;
+        seen.signature = describe_region(image, segmentation_.labels(), part.region, segmentation_.median_bgr());
+        seen.features = features_in(part.region);
+        seen.t_us = t_us;
+        seen.floor = pose.floor;
+        seen.direction_rad = std::remainder(part.place.bearing_rad + 3.141592653589793, 6.283185307179586);
+        seen.sharpness = std::min(1.0, static_cast<double>(seen.features.size()) / 20.0);
+        const int index = memory_.enter(seen);
+        if (index >= 0) {
+            ids[n] = memory_.objects()[static_cast<std::size_t>(index)].id;
+            store_.note(ids[n], seen, pose);
+        }
+        static_cast<void>(sightings_.push({part.region, static_cast<std::int32_t>(seen.features.size()), ids[n], part.place}));
+        ++n;
+    }
+    memory_.tidy(t_us);
+    if (store_.is_open()) { static_cast<void>(store_.commit(memory_, image, t_us)); }
+    // What is told to others is sure: a candidate has no id yet.
+    for (Sighting& sighting : sightings_) {
+        const bool sure = std::any_of(memory_.objects().begin(), memory_.objects().end(),
+                                      [&](const KnownObject& o) { return o.confirmed && o.id == sighting.object_id; });
+        if (!sure) { sighting.object_id = 0; }
+    }
 }
 
 }  // namespace noctule

@@ -81,7 +81,8 @@ const Regions& Segmentation::find(const cv::Mat& bgr, const SegmentationSettings
                             stats_.at<int>(label, cv::CC_STAT_LEFT),
                             stats_.at<int>(label, cv::CC_STAT_TOP),
                             stats_.at<int>(label, cv::CC_STAT_WIDTH),
-                            stats_.at<int>(label, cv::CC_STAT_HEIGHT)};
+                            stats_.at<int>(label, cv::CC_STAT_HEIGHT),
+                            label};
         static_cast<void>(regions_.push(region));
     }
     return regions_;
@@ -109,7 +110,11 @@ void Segmentation::by_contrast(const cv::Mat& bgr, const SegmentationSettings& s
     // Colour: the light multiplies each channel, so it drops out of the log ratios against the frame's median.
     const std::array<float, 256>& log_of = log_table();
     std::array<float, 3> median{};
-    for (int c = 0; c < 3; ++c) { median[static_cast<std::size_t>(c)] = log_of[static_cast<std::size_t>(median_of(bgr, c))]; }
+    for (int c = 0; c < 3; ++c) {
+        const int level = median_of(bgr, c);
+        median_bgr_[static_cast<std::size_t>(c)] = static_cast<float>(level);
+        median[static_cast<std::size_t>(c)] = log_of[static_cast<std::size_t>(level)];
+    }
     const float chroma2 = settings.chroma * settings.chroma;
     for (int y = 0; y < bgr.rows; ++y) {
         const std::uint8_t* p = bgr.ptr<std::uint8_t>(y);

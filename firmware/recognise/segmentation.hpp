@@ -21,8 +21,8 @@ enum class SegmentationMode : std::int32_t { threshold = 0, contrast = 1 };
 struct SegmentationSettings {
     SegmentationMode mode = SegmentationMode::contrast;
     std::int32_t intensity = 200;    ///< I0 of the paper, 0 to 255 (seg_intensity)
-    float chroma = 0.30F;            ///< least distance of log colour ratios from the frame's median (seg_chroma)
-    float texture = 0.02F;           ///< least eigenvalue of the gradients' spread over the mean grey squared (seg_texture)
+    float chroma = 0.80F;            ///< least distance of log colour ratios from the frame's median (seg_chroma)
+    float texture = 0.15F;           ///< least eigenvalue of the gradients' spread over the mean grey squared (seg_texture)
     std::int32_t open_px = 3;        ///< side of the opening that removes specks, 1: none (seg_open_px)
     std::int32_t close_px = 7;       ///< side of the closing that joins parts, 1: none (seg_close_px)
     std::int32_t area_min_px = 60;   ///< smaller regions are dropped (seg_area_min_px), pixels
@@ -37,6 +37,7 @@ struct Region {
     std::int32_t top_px = 0;
     std::int32_t width_px = 0;
     std::int32_t height_px = 0;
+    std::int32_t label = 0;          ///< value of its pixels in Segmentation::labels()
 };
 
 using Regions = Bounded<Region, kMaxRegions>;
@@ -50,8 +51,14 @@ public:
     /// Regions that found no room since the start.
     [[nodiscard]] std::uint32_t dropped() const { return dropped_; }
 
+    /// Median colour of the last frame that find() took by contrast, blue green red, 0 to 255: the ground that objects stand out from.
+    [[nodiscard]] const std::array<float, 3>& median_bgr() const { return median_bgr_; }
+
     /// Mask of the last find() after morphology: 255 where a region may be.
     [[nodiscard]] const cv::Mat& mask() const { return mask_; }
+
+    /// Label of each pixel of the last find(), 32 bit; regions name theirs.
+    [[nodiscard]] const cv::Mat& labels() const { return labels_; }
 
 private:
     void by_threshold(const cv::Mat& bgr, const SegmentationSettings& settings);
@@ -59,6 +66,7 @@ private:
 
     Regions regions_;
     std::uint32_t dropped_ = 0;
+    std::array<float, 3> median_bgr_{128.0F, 128.0F, 128.0F};
     cv::Mat mask_;
     cv::Mat channel_[3];
     cv::Mat grey_;

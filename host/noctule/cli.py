@@ -71,6 +71,16 @@ Writes what a run recorded in the forms that other tools read.
   csv   steps.csv: a row a step, what noctule-nav said and the truth beside it
 """
 
+OBJECTS = """\
+What the camera found in a run: objects with their place, size, pictures and sightings (docs/objects.md).
+
+examples:
+  noctule objects runs/gallery-1                         a table
+  noctule objects runs/gallery-1 show 3                  one object in full
+  noctule objects runs/gallery-1 export --to html        a gallery with the plan, runs/gallery-1/objects.html
+  noctule objects runs/gallery-1 export --to csv --out objects.csv
+"""
+
 
 class _Parser(argparse.ArgumentParser):
     """As argparse, but an error is one line and ends with 2."""
@@ -194,6 +204,14 @@ def parser() -> argparse.ArgumentParser:
     export.add_argument("--to", required=True, choices=("tum", "ros", "png", "csv"), help="the form")
     export.add_argument("--out", type=Path, metavar="DIR", help="where to (default RUN/export)")
 
+    objects = commands.add_parser("objects", help="the objects that a run found", description=OBJECTS,
+                                  formatter_class=argparse.RawDescriptionHelpFormatter)
+    objects.add_argument("run", type=Path, metavar="RUN", help="run directory, or an object database")
+    objects.add_argument("what", nargs="?", choices=("list", "show", "export"), default="list", help="default: list")
+    objects.add_argument("id", nargs="?", type=int, metavar="ID", help="of the object to show")
+    objects.add_argument("--to", choices=("csv", "json", "html"), default="csv", help="form of the export (default csv)")
+    objects.add_argument("--out", type=Path, metavar="FILE", help="file of the export (default: printed; html: RUN/objects.html)")
+
     compare = commands.add_parser("compare", help="say whether two runs are equal",
                                   description="Compares two reports; what depends on the machine (wall time, step time, "
                                               "process memory, dates, paths) is left out. Exit code 0: equal, 1: not.")
@@ -274,6 +292,28 @@ def _export(options) -> int:
     return 0
 
 
+def _objects(options) -> int:
+    from noctule import objects
+
+    path = options.run if options.run.is_file() else options.run / "objects.db"
+    if options.what == "show":
+        if options.id is None:
+            raise InputError("objects RUN show ID: the id of an object is wanted")
+        print(objects.show(options.run, options.id))
+        return 0
+    if options.what == "list":
+        print(objects.text(objects.read(path)))
+        return 0
+    text = objects.export(options.run, options.to)
+    out = options.out or (options.run / "objects.html" if options.to == "html" and options.run.is_dir() else None)
+    if out is None:
+        print(text, end="")
+    else:
+        out.write_text(text, encoding="utf-8")
+        print(out)
+    return 0
+
+
 def _compare(options) -> int:
     from noctule import compare, record
 
@@ -290,7 +330,8 @@ def _compare(options) -> int:
 def main(arguments=None) -> int:
     """Runs the command; returns its exit code."""
     options = parser().parse_args(arguments)
-    action = {"fly": _fly, "worlds": _worlds, "bench": _bench, "replay": _replay, "report": _report, "export": _export, "campaign": _campaign, "compare": _compare}[options.command]
+    action = {"fly": _fly, "worlds": _worlds, "bench": _bench, "replay": _replay, "report": _report, "export": _export, "campaign": _campaign,
+              "compare": _compare, "objects": _objects}[options.command]
     try:
         return action(options)
     except InputError as error:

@@ -284,8 +284,15 @@ class Flight:
                                           "--stats", self.folder / "log" / "nav-stats.json"],
                           {"LD_PRELOAD": str(counter)} if counter.is_file() else None)
         if camera:
+            from noctule_sim.camera import write_calibration
+
+            write_calibration(self.folder / "camera.yaml")
+            for name in ("objects.db", "objects.db-wal", "objects.db-shm"):
+                (self.folder / name).unlink(missing_ok=True)     # a run directory that is flown into again
             self._start_child("noctule-vision", [find_program("noctule-vision"), "--parameters", parameters,
-                                                 "--lcm-url", camera_url, "--stats", self.folder / "log" / "vision-stats.json"])
+                                                 "--lcm-url", camera_url, "--stats", self.folder / "log" / "vision-stats.json",
+                                                 "--flight-lcm-url", url, "--calibration", self.folder / "camera.yaml",
+                                                 "--database", self.folder / "objects.db"])
             channels = "IMAGE|OBJECTS" if self.settings.log_images else "OBJECTS"
             self._start_recorder("recorder-camera", camera_url, "camera.lcm", channels)
         if not self._order_start(station):
@@ -430,6 +437,10 @@ def summary(result: dict) -> str:
              f"collisions {result['collisions']}, pose error mean "
              + ("-" if mean is None else f"{100.0 * mean:.1f} cm") + ", altitude error mean "
              + ("-" if altitude is None else f"{100.0 * altitude:.1f} cm") + f", path {result['path_length_m']:.0f} m"]
+    if result.get("objects_missed") is not None:
+        errors = [o["error_m"] for o in result["objects"] if o["error_m"] is not None]
+        lines.append(f"objects {len(result['objects'])}: missed {result['objects_missed']}, duplicated {result['objects_duplicated']}, "
+                     f"false {result['objects_false']}" + (f", position error mean {100.0 * sum(errors) / len(errors):.0f} cm" if errors else ""))
     if result["lockstep_broken"]:
         lines.append("lockstep was broken: this flight is not reproducible")
     return "\n".join(lines)

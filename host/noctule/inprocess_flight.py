@@ -9,6 +9,7 @@ import csv
 import datetime
 import json
 import math
+import struct
 import time
 from pathlib import Path
 
@@ -96,6 +97,41 @@ class _Encoder:
         return m.encode()
 
 
+class Eye:
+    """noctule-vision's part in a flight: frames in, objects.db and camera.lcm out."""
+
+    def __init__(self, folder: Path, log_images: bool):
+        from noctule.vision_abi import Vision
+        from noctule_sim.camera import write_calibration
+
+        write_calibration(folder / "camera.yaml")
+        for name in ("objects.db", "objects.db-wal", "objects.db-shm"):
+            (folder / name).unlink(missing_ok=True)
+        self._vision = Vision(folder / "objects.db", folder / "camera.yaml")
+        self._log = lcm.EventLog(str(folder / "camera.lcm"), "w", overwrite=True)
+        self._log_images = log_images
+        self._frames = 0
+
+    def receive(self, channel: str, message: bytes) -> None:
+        """NAV and SCAN."""
+        self._vision.receive(channel, message)
+
+    def see(self, t_us: int, bgr, now_us: int) -> None:
+        """One frame: (240, 320, 3) uint8."""
+        kind = record.message_type("image_t")
+        message = struct.pack(">8sqiii", kind._get_packed_fingerprint(), t_us, self._frames, bgr.shape[1], bgr.shape[0]) + bgr.tobytes()
+        self._frames += 1
+        if self._log_images:
+            self._log.write_event(now_us, "IMAGE", message)
+        self._vision.receive("IMAGE", message)
+        self._log.write_event(now_us, "OBJECTS", self._vision.look())
+
+    def close(self) -> None:
+        """Database and log are complete."""
+        self._vision.close()
+        self._log.close()
+
+
 class _Starter:
     """The bridge's part in a flight: start, mode, arm, disarm. Once a flight; a mode that is taken away is not asked for again."""
 
@@ -131,7 +167,7 @@ def fly(settings: FlightSettings, world, folder: Path) -> dict:
     """Flies one flight and returns its report; the run directory is left in `folder`.
 
     Args:
-        settings: camera, realtime and out are not looked at.
+        settings: realtime and out are not looked at. camera: the recognition runs in-process, too.
         world: the building.
         folder: where to write; made if absent.
 
@@ -146,22 +182,25 @@ def fly(settings: FlightSettings, world, folder: Path) -> dict:
     (folder / "parameters.toml").write_text(parameters_toml(values), encoding="utf-8")
     dump_world(world, folder / "world.yaml")
     faults = {name: float(t) for name, _, t in (f.partition("@") for f in settings.faults)}
-    simulation = Simulation(world, settings.seed, settings.profile, values, flavour=settings.autopilot, faults=faults,
+    simulation = Simulation(world, settings.seed, settings.profile, values, camera=settings.camera, flavour=settings.autopilot, faults=faults,
                             max_time_s=settings.max_time_s)
+    eye = Eye(folder, settings.log_images) if settings.camera else None
     begin = time.monotonic()
     log = lcm.EventLog(str(folder / "flight.lcm"), "w", overwrite=True)
     try:
         with Node(values) as node, (folder / "truth.csv").open("w", newline="", encoding="utf-8") as truth:
-            steps_us = _loop(simulation, node, log, csv.writer(truth))
+            steps_us = _loop(simulation, node, log, csv.writer(truth), eye)
             explorer = node.explorer()
     finally:
+        if eye is not None:
+            eye.close()
         log.close()
         simulation.close()
     _write_ends(folder, settings, world, simulation, steps_us, explorer, time.monotonic() - begin)
     return report.write(folder)
 
 
-def _loop(simulation: Simulation, node: Node, log, truth) -> list[float]:
+def _loop(simulation: Simulation, node: Node, log, truth, eye=None) -> list[float]:
     """Ticks until the simulation has an outcome; returns the step times [us]."""
     encoder, starter = _Encoder(simulation), _Starter()
     nav_type, odom_type = record.message_type("nav_t"), record.message_type("odom_t")
@@ -190,7 +229,10 @@ def _loop(simulation: Simulation, node: Node, log, truth) -> list[float]:
         for sample in data.imu:
             send("IMU", encoder.imu(sample))
         if data.scan_m is not None:
-            send("SCAN", encoder.scan(data.t_us, data.scan_m))
+            scan = encoder.scan(data.t_us, data.scan_m)
+            if eye is not None:
+                eye.receive("SCAN", scan)
+            send("SCAN", scan)
         t = data.truth
         truth.writerow([f"{v:.6f}" for v in (t.t_s, t.x_m, t.y_m, t.z_m, t.yaw_rad, t.roll_rad, t.pitch_rad, t.vx_m_s, t.vy_m_s,
                                              t.vz_m_s, t.clearance_m)] + [t.contacts_total, int(autopilot.armed), autopilot.name()])
@@ -199,6 +241,8 @@ def _loop(simulation: Simulation, node: Node, log, truth) -> list[float]:
             log.write_event(simulation.t_us, channel, message)
             if channel == "NAV":
                 nav = nav_type.decode(message)
+                if eye is not None:
+                    eye.receive(channel, message)
                 steps_us.append(nav.step_us)
                 if nav.setpoint_valid and not starter.lost:
                     setpoint = SetpointIn(nav.setpoint_x_m, nav.setpoint_y_m, nav.setpoint_z_m, nav.setpoint_vx_m_s,
@@ -207,6 +251,8 @@ def _loop(simulation: Simulation, node: Node, log, truth) -> list[float]:
                 o = odom_type.decode(message)
                 odometries.append(OdometryIn(o.t_us, o.x_m, o.y_m, o.z_m, o.vx_m_s, o.vy_m_s, o.vz_m_s, o.yaw_rad, o.quality,
                                              o.reset_counter & 0xFF))
+        if eye is not None and data.image is not None:
+            eye.see(*data.image, simulation.t_us)
         simulation.apply(setpoint, odometries)
         if nav is not None:
             starter.act(simulation, nav)
@@ -226,7 +272,7 @@ def _write_ends(folder: Path, settings: FlightSettings, world, simulation: Simul
              "navigator_bytes": navigator_bytes(), "rss_kib": None, "heap_allocations_after_start": None, "explorer": explorer}
     (folder / "log" / "nav-stats.json").write_text(json.dumps(stats) + "\n", encoding="utf-8")
     run = {"world": world.name, "seed": settings.seed, "profile": settings.profile, "preset": settings.preset,
-           "autopilot": settings.autopilot, "parameters": settings.parameters, "faults": settings.faults, "camera": False,
+           "autopilot": settings.autopilot, "parameters": settings.parameters, "faults": settings.faults, "camera": settings.camera,
            "realtime": False, "max_time_s": settings.max_time_s, "wall_time_s": wall_s,
            "date": datetime.datetime.now(datetime.timezone.utc).isoformat(timespec="seconds"), "interrupted": False,
            "died": None, "last_text": outcome.text}

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from noctule import draw, map_score, record, score
+from noctule import draw, map_score, objects, record, score
 from noctule.score import ExploredScore, StartPose
 
 EXPLORER_COUNTERS = ("goals", "switches", "back_and_forth", "in_vain", "stuck", "passes")   # of noctule-nav's statistics
@@ -245,7 +245,7 @@ def build(run: Run) -> tuple[dict, score.PoseErrors, list[tuple[float, float]]]:
         "altitude_error_m": _spread(errors.altitude_m),
         "floors": floors,
         "levels": levels_found(levels, true_levels),
-        "objects": [],
+        **objects.report_fields(run.folder, run.world, run.start),
         "landed": landed,
         "home_error_m": _number(score.home_error_m(truth), 4),
         "step_ms": {k: _number(step_us[k] * 1e-3, 4) if step_us.get(k) is not None else None for k in ("p50", "p99", "max")},

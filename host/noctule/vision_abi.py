@@ -80,3 +80,60 @@ def plane_fit(pairs: np.ndarray, tolerance_px: float = 3.0, trials: int = 2000, 
     agree = found.noctule_plane_fit(_pointer(pairs, ctypes.c_float), len(pairs), ctypes.c_float(tolerance_px), trials, 2 if similarity else 4,
                                     _pointer(H, ctypes.c_double))
     return (H.reshape(3, 3), agree) if agree else (None, 0)
+
+
+class Vision:
+    """The recognition of noctule-vision, fed with encoded messages. Not thread-safe.
+
+    Args:
+        database: SQLite file, made if absent; None: in memory alone.
+        calibration: OpenCV YAML; None: the simulator's camera.
+        resume: the places in the database hold.
+        parameters: name -> value; what is not named keeps its default.
+
+    Raises:
+        ValueError: no such parameter, or out of range.
+        RuntimeError: the library was not built, or database or calibration cannot be used.
+    """
+
+    def __init__(self, database=None, calibration=None, resume: bool = False, parameters=None):
+        self._library = library("noctule_vision_abi")
+        if self._library is None:
+            raise RuntimeError("libnoctule_vision_abi.so is not there: run `make build`")
+        self._library.noctule_vision_create.restype = ctypes.c_void_p
+        self._library.noctule_heap_bytes.restype = ctypes.c_long
+        error = ctypes.create_string_buffer(512)
+        encode = lambda path: None if path is None else str(path).encode()
+        self._handle = self._library.noctule_vision_create(encode(calibration), encode(database), int(resume), error, len(error))
+        if not self._handle:
+            raise RuntimeError(error.value.decode())
+        self._bytes = ctypes.c_void_p()
+        for name, value in (parameters or {}).items():
+            result = self._library.noctule_vision_set(ctypes.c_void_p(self._handle), name.encode(), ctypes.c_double(value))
+            if result != 0:
+                raise ValueError(f"parameter {name} = {value}: {'no such name' if result == 1 else 'out of range'}")
+
+    def receive(self, channel: str, message: bytes) -> bool:
+        """One encoded NAV, SCAN or IMAGE in."""
+        return self._library.noctule_vision_receive(ctypes.c_void_p(self._handle), channel.encode(), message, len(message)) == 1
+
+    def look(self) -> bytes | None:
+        """Looks at the waiting frame; the encoded OBJECTS, or None where no frame waits."""
+        size = self._library.noctule_vision_look(ctypes.c_void_p(self._handle), ctypes.byref(self._bytes))
+        return ctypes.string_at(self._bytes, size) if size > 0 else None
+
+    def heap_bytes(self) -> int:
+        """Bytes of the C heap in use by this whole process."""
+        return self._library.noctule_heap_bytes()
+
+    def close(self) -> None:
+        """Ends the session; the database is closed."""
+        if self._handle:
+            self._library.noctule_vision_destroy(ctypes.c_void_p(self._handle))
+            self._handle = None
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.close()

@@ -172,7 +172,7 @@ class Simulation:
         self.vehicle = Vehicle(world, self.airframe, external.physics_step_s if external else PHYSICS_STEP_S)
         self.autopilot = external or Autopilot(self.airframe, flavour)
         self.geometry = Geometry(world)
-        streams = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(6)]
+        streams = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(7)]
         self.laser = Laser(self.profile, streams[0])
         self.range_up = RangeSensor(self.profile, streams[1])
         self.range_down = RangeSensor(self.profile, streams[2])
@@ -183,9 +183,10 @@ class Simulation:
         self._up_z, self._down_z = p["range_up_z_m"], p["range_down_z_m"]
         self.camera = None
         if camera:
-            from .camera import Camera
+            from .camera import Camera, Optics
 
             self.camera = Camera(self.vehicle.model)
+            self.optics = Optics(streams[6], perfect=profile == "ideal")
         self.ticks = 0
         self.outcome: Outcome | None = None
         self.collisions = 0
@@ -285,7 +286,8 @@ class Simulation:
             if vehicle.data.ncon:
                 self._contacts(t_us)
             if t_us == exposure_us:
-                image = (t_us, self.camera.capture(vehicle.data))
+                # Rates of the exposure: about Body up and left, as the IMU felt them, without its errors.
+                image = (t_us, self.optics.apply(self.camera.capture(vehicle.data), t_us * 1e-6, gz, gy))
         self.ticks += 1
         local = (autopilot.estimator.x, autopilot.estimator.y, autopilot.estimator.z,
                  autopilot.estimator.vx, autopilot.estimator.vy, autopilot.estimator.vz, autopilot.estimator.yaw_rad)

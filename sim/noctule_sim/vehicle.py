@@ -6,6 +6,7 @@ Frame Body: x forward, y left, z up, origin at the centre of mass and of the hul
 from __future__ import annotations
 
 import math
+import zlib
 from dataclasses import dataclass, field
 
 import mujoco
@@ -59,7 +60,7 @@ class Vehicle:
     def __init__(self, world: World, airframe: Airframe, step_s: float = PHYSICS_STEP_S):
         self.airframe = airframe
         self.step_s = step_s
-        self.model = mujoco.MjModel.from_xml_string(model_xml(world, airframe, step_s))
+        self.model = mujoco.MjModel.from_xml_string(model_xml(world, airframe, step_s), model_files(world))
         self.data = mujoco.MjData(self.model)
         s = world.start
         self.data.qpos[:] = (s.x_m, s.y_m, s.z_m + airframe.rest_height_m, math.cos(s.yaw_rad / 2), 0.0, 0.0, math.sin(s.yaw_rad / 2))
@@ -193,6 +194,10 @@ def model_xml(world: World, airframe: Airframe, step_s: float = PHYSICS_STEP_S) 
         if m.texture == "none":
             assets.append(f'<material name="{_quoted(m.name)}" rgba="{_numbers(m.rgba)}" specular="0.1" shininess="0.2"/>')
             continue
+        if m.texture == "picture":
+            assets.append(f'<texture name="{_quoted(m.name)}" type="cube" file="{_picture_file(m)}"/>')
+            assets.append(f'<material name="{_quoted(m.name)}" texture="{_quoted(m.name)}" rgba="1 1 1 {alpha:.9g}" specular="0.1" shininess="0.2"/>')
+            continue
         darker = _numbers((0.62 * r, 0.62 * g, 0.62 * b))
         assets.append(f'<texture name="{_quoted(m.name)}" type="cube" {marks[m.texture]} rgb1="{_numbers((r, g, b))}" rgb2="{darker}" '
                       f'markrgb="{darker}" width="128" height="128"/>')
@@ -233,6 +238,18 @@ def model_xml(world: World, airframe: Airframe, step_s: float = PHYSICS_STEP_S) 
 </body></worldbody>
 <actuator>{motors}{drag}</actuator>
 </mujoco>"""
+
+
+def _picture_file(material) -> str:
+    """Name of a picture's file inside the model: characters that need no quoting."""
+    return f"{zlib.crc32(material.name.encode()):08x}.png"
+
+
+def model_files(world: World) -> dict[str, bytes]:
+    """The files that model_xml names: pictures of materials."""
+    from .pictures import png
+
+    return {_picture_file(m): png(m.name, m.rgba[:3]) for m in world.materials.values() if m.texture == "picture"}
 
 
 def _quoted(text: str) -> str:

@@ -19,7 +19,7 @@ PLAN_WALL_THICKNESS_M = 0.10
 PLAN_HEIGHT_M = 2.5
 HULL_RADIUS_M = 0.30  # default of the parameter hull_radius_m; callers that know better pass their own
 LASER_KINDS = ("diffuse", "dark", "glass")
-TEXTURES = ("none", "checker", "speckle", "gradient")
+TEXTURES = ("none", "checker", "speckle", "gradient", "picture")
 WORLDS_FOLDER = Path(__file__).parent / "worlds"
 
 
