@@ -268,4 +268,6 @@ def picture_rows() -> list[dict]:
 
 def bench_vision(quick: bool, fresh: bool) -> list[dict]:
     """Rows of the objects issue."""
-    return picture_rows()
+    from noctule.bench_objects import object_rows
+
+    return picture_rows() + object_rows(quick, fresh)

@@ -16,10 +16,10 @@ def plan(tmp_path, **fields):
 
 
 def test_the_promised_worlds_are_shipped():
-    assert shipped_worlds() == ["atrium", "levels", "maze_a", "maze_b", "office", "three_floor", "trap_opening", "two_floor", "two_stairs"]
+    assert shipped_worlds() == ["atrium", "gallery", "levels", "maze_a", "maze_b", "office", "three_floor", "trap_opening", "two_floor", "two_stairs"]
 
 
-@pytest.mark.parametrize("name", ["atrium", "levels", "maze_a", "maze_b", "office", "three_floor", "trap_opening", "two_floor", "two_stairs"])
+@pytest.mark.parametrize("name", ["atrium", "gallery", "levels", "maze_a", "maze_b", "office", "three_floor", "trap_opening", "two_floor", "two_stairs"])
 def test_walls_lie_off_the_grid_in_map(name):
     world = load_world(name)
     turned = math.degrees(world.start.yaw_rad) % 90.0
