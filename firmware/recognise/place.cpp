@@ -18,6 +18,7 @@ constexpr int kBorder_px = 2;             // a region that comes this close to t
 constexpr int kBeside_px = 14;            // where to look for the depth beside a region
 constexpr int kInside_px = 2;              // a hit nearer to the side of a region may have gone past it
 constexpr std::size_t kLeastHits = 2;
+constexpr double kParallax_px = 12.0;      // how far camera and laser may differ about the side of a thing
 constexpr double kNearest_m = 0.25;
 constexpr double kFarthest_m = 12.0;
 
@@ -80,6 +81,23 @@ void Placer::start(const CameraModel& camera, const VehiclePose& pose, const std
         static_cast<void>(hits_.push(hit));
     }
     std::sort(hits_.begin(), hits_.end(), [](const Hit& a, const Hit& b) { return a.u_px > b.u_px; });
+    // The camera stands elsewhere than the laser: what the laser sees past the side of a near thing, the thing may hide from the camera.
+    // Such a hit has nearer ones close by on both sides.
+    const auto hidden = [&](const std::size_t i) {
+        const auto nearer = [&](const std::size_t j) { return hits_[j].distance_m < hits_[i].distance_m - kStep_m; };
+        bool left = false;
+        bool right = false;
+        for (std::size_t j = i; j-- > 0 && hits_[j].u_px - hits_[i].u_px < kParallax_px && !right;) { right = nearer(j); }
+        for (std::size_t j = i + 1; j < hits_.size() && hits_[i].u_px - hits_[j].u_px < kParallax_px && !left; ++j) { left = nearer(j); }
+        return left && right;
+    };
+    std::array<bool, kMaxBeams> gone{};
+    for (std::size_t i = 0; i < hits_.size(); ++i) { gone[i] = hidden(i); }
+    std::size_t kept = 0;
+    for (std::size_t i = 0; i < hits_.size(); ++i) {
+        if (!gone[i]) { hits_[kept++] = hits_[i]; }
+    }
+    while (hits_.size() > kept) { hits_.remove_unordered(hits_.size() - 1); }
 }
 
 double Placer::bearing_of(const double u_px, const double v_px, double& slope) const {
