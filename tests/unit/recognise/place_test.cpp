@@ -162,7 +162,7 @@ void cylinder_is_placed_at_its_centre_from_any_side() {
         parts->clear();
         placer->find(s.labels, s.region, *parts);
         TEST_ASSERT_EQUAL_size_t(1, parts->size());
-        const Placement& p = (*parts)[0].place;
+        const Placement p = (*parts)[0].place;
         TEST_ASSERT_TRUE(p.source == RangeSource::laser);
         TEST_ASSERT_TRUE(p.whole);
         TEST_ASSERT_DOUBLE_WITHIN(0.04, 3.0, p.x_m);
