@@ -6,7 +6,7 @@ set(generated_dir ${CMAKE_BINARY_DIR}/generated)
 
 file(GLOB lcm_files CONFIGURE_DEPENDS firmware/interface/lcm/*.lcm)
 file(GLOB generator_files CONFIGURE_DEPENDS host/noctule/generate/*.py)
-set(generated_headers ${generated_dir}/params.gen.hpp ${generated_dir}/streams.gen.hpp ${generated_dir}/lcmtypes.gen.hpp)
+set(generated_headers ${generated_dir}/params.gen.hpp ${generated_dir}/metadata.gen.hpp ${generated_dir}/streams.gen.hpp ${generated_dir}/lcmtypes.gen.hpp)
 foreach(lcm_file ${lcm_files})
     cmake_path(GET lcm_file STEM type)
     list(APPEND generated_headers ${generated_dir}/lcmtypes/noctule/${type}.hpp)

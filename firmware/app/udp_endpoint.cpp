@@ -42,7 +42,7 @@ bool UdpEndpoint::open(const std::string& url) {
     client_ = url.rfind("udpout:", 0) == 0;
     sockaddr_in address{};
     if ((!server && !client_) || !parse_address(url.substr(url.find(':') + 1), address)) {
-        error_ = "'" + url + "' is no endpoint: say udpin:ADDRESS:PORT or udpout:ADDRESS:PORT";
+        error_ = "'" + url + "' is no endpoint: say udpin:ADDRESS:PORT, udpout:ADDRESS:PORT or serial:DEVICE:BAUD";
         return false;
     }
     fd_ = ::socket(AF_INET, SOCK_DGRAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);

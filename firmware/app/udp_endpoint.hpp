@@ -8,37 +8,33 @@
 #include <span>
 #include <string>
 
+#include "app/endpoint.hpp"
+
 namespace noctule {
 
-class UdpEndpoint {
+class UdpEndpoint final : public Endpoint {
 public:
-    UdpEndpoint() = default;
-    UdpEndpoint(const UdpEndpoint&) = delete;
-    UdpEndpoint& operator=(const UdpEndpoint&) = delete;
-    ~UdpEndpoint();
+    ~UdpEndpoint() override;
 
-    /// Opens the socket, non-blocking. An IPv4 address or "localhost". False: error() is one line that says why.
-    [[nodiscard]] bool open(const std::string& url);
+    /// Opens the socket, non-blocking. An IPv4 address or "localhost".
+    [[nodiscard]] bool open(const std::string& url) override;
 
-    [[nodiscard]] const std::string& error() const { return error_; }
-    [[nodiscard]] const std::string& url() const { return url_; }
-    [[nodiscard]] int fd() const { return fd_; }
+    [[nodiscard]] int fd() const override { return fd_; }
+    [[nodiscard]] bool is_stream() const override { return false; }
     /// Speaks first (udpout).
     [[nodiscard]] bool is_client() const { return client_; }
 
-    /// One waiting datagram into buffer. Empty: none waits. What fills the buffer was cut off by the system.
-    [[nodiscard]] std::span<const std::uint8_t> receive(std::span<std::uint8_t> buffer);
+    /// One waiting datagram. What fills the buffer was cut off by the system.
+    [[nodiscard]] std::span<const std::uint8_t> receive(std::span<std::uint8_t> buffer) override;
 
     /// Sends a datagram to the peer. False: no peer yet, or nobody listens there (normal for a ground station that is not up).
-    bool send(std::span<const std::uint8_t> bytes);
+    bool send(std::span<const std::uint8_t> bytes) override;
 
 private:
     int fd_ = -1;
     bool client_ = false;
     bool has_peer_ = false;
     sockaddr_in peer_{};
-    std::string url_;
-    std::string error_;
 };
 
 }  // namespace noctule

@@ -116,7 +116,8 @@ bool OutputPredictor::odometry(const std::int64_t t_us, Odometry& out) const {
     const float turn_sigma_rad = age_s * parameters_.gyro_bias_start_rad_s;
     out.yaw_var_rad2 = planar.covariance[5] + turn_sigma_rad * turn_sigma_rad;
     out.reset_counter = planar.reset_counter;
-    out.quality = age_s > parameters_.stale_scan_s ? -1 : planar.quality;
+    // One answer for the whole pose: with a height that is not to be trusted the autopilot must not follow z, and it cannot take a part.
+    out.quality = age_s > parameters_.stale_scan_s || !estimate_.altitude.valid ? -1 : planar.quality;
     return true;
 }
 

@@ -6,6 +6,7 @@
 #include <limits>
 
 #include "link/bridge_text.hpp"
+#include "metadata.gen.hpp"
 
 namespace noctule {
 
@@ -20,14 +21,16 @@ constexpr std::int64_t kLocalYawFresh_us = 200000;
 }  // namespace
 
 Bridge::Bridge(Parameters& parameters, BridgeSink& sink)
-    : p_(parameters), sink_(sink), supervisor_(parameters), flight_(parameters), table_(parameters),
-      streams_{{{MAVLINK_MSG_ID_HIGHRES_IMU, MAVLINK_MSG_ID_SCALED_IMU, static_cast<float>(parameters.link_imu_hz), 0},
-                {MAVLINK_MSG_ID_ATTITUDE_QUATERNION, MAVLINK_MSG_ID_ATTITUDE, 50.0F, 0},
-                {MAVLINK_MSG_ID_DISTANCE_SENSOR, 0, 20.0F, 0},
-                {MAVLINK_MSG_ID_LOCAL_POSITION_NED, 0, 20.0F, 0},
-                {MAVLINK_MSG_ID_EXTENDED_SYS_STATE, 0, 5.0F, 0},
-                {MAVLINK_MSG_ID_SYS_STATUS, 0, 1.0F, 0},
-                {MAVLINK_MSG_ID_BATTERY_STATUS, 0, 1.0F, 0}}} {
+    : p_(parameters), sink_(sink), supervisor_(parameters), flight_(parameters), ftp_(kMetadataFiles), table_(parameters),
+      streams_{{{"HIGHRES_IMU", MAVLINK_MSG_ID_HIGHRES_IMU, MAVLINK_MSG_ID_SCALED_IMU, static_cast<float>(parameters.link_imu_hz), 0, 0},
+                {"ATTITUDE_QUATERNION", MAVLINK_MSG_ID_ATTITUDE_QUATERNION, MAVLINK_MSG_ID_ATTITUDE, 50.0F, 0, 0},
+                {"DISTANCE_SENSOR", MAVLINK_MSG_ID_DISTANCE_SENSOR, 0, 20.0F, 0, 0},
+                {"LOCAL_POSITION_NED", MAVLINK_MSG_ID_LOCAL_POSITION_NED, 0, 20.0F, 0, 0},
+                {"EXTENDED_SYS_STATE", MAVLINK_MSG_ID_EXTENDED_SYS_STATE, 0, 5.0F, 0, 0},
+                {"SYS_STATUS", MAVLINK_MSG_ID_SYS_STATUS, 0, 1.0F, 0, 0},
+                {"BATTERY_STATUS", MAVLINK_MSG_ID_BATTERY_STATUS, 0, 1.0F, 0, 0},
+                {"ESTIMATOR_STATUS", MAVLINK_MSG_ID_ESTIMATOR_STATUS, kEkfStatusReport, 1.0F, 0, 0}}} {
+    imu_heard_us_.fill(-1);
     if (p_.link_system_id != 0) { system_ = static_cast<std::uint8_t>(p_.link_system_id); }
     to_autopilot_.set_ids(system_, MAV_COMP_ID_ONBOARD_COMPUTER);
     to_ground_.set_ids(system_, MAV_COMP_ID_ONBOARD_COMPUTER);
@@ -45,6 +48,8 @@ void Bridge::autopilot_frame(const MavlinkFrame& frame) {
             spoke_ = true;
             take(frame.message);
         }
+    } else if (heard_) {
+        take_unknown(frame.bytes);
     }
     if (passes_to_ground(frame)) { sink_.to_ground(frame.bytes); }
 }
@@ -66,6 +71,7 @@ void Bridge::take_heartbeat(const mavlink_message_t& message) {
     const bool wanted = p_.link_system_id == 0 ? (!heard_ || message.sysid == system_) : message.sysid == p_.link_system_id;
     if (!wanted) {
         ++counters_.other_autopilots;
+        other_autopilot_us_ = now_us_;
         text(MAV_SEVERITY_WARNING, "ignoring a second autopilot, system %u", static_cast<unsigned>(message.sysid));
         return;
     }
@@ -99,29 +105,19 @@ void Bridge::take(const mavlink_message_t& message) {
     for (Stream& stream : streams_) {
         if (message.msgid == stream.msgid || (stream.substitute != 0 && message.msgid == stream.substitute)) { ++stream.count; }
     }
+    const auto attitude = [&](auto decode, auto in, const bool substitute) {
+        decode(&message, &in);
+        FullAttitude out;
+        if (from_mavlink(in, out)) { take_attitude(out, substitute); } else { ++counters_.refused_samples; }
+    };
     switch (message.msgid) {
-        case MAVLINK_MSG_ID_HIGHRES_IMU: {
-            mavlink_highres_imu_t in;
-            mavlink_msg_highres_imu_decode(&message, &in);
-            baro_t height{};
-            if (from_mavlink(in, height)) {
-                take_baro(height, false);
-            } else if (says_pressure(in)) {
-                ++counters_.refused_samples;
-            }
-            imu_t sample{};
-            if (!from_mavlink(in, sample)) { ++counters_.refused_samples; return; }
-            take_imu(sample, false);
+        case MAVLINK_MSG_ID_HIGHRES_IMU: take_highres(message); return;
+        case MAVLINK_MSG_ID_RAW_IMU:
+            if (flavour_ == &kArdupilot) { take_imu(1, mavlink_msg_raw_imu_decode, message); }  // elsewhere its units are the sensor's own
             return;
-        }
-        case MAVLINK_MSG_ID_SCALED_IMU: {
-            mavlink_scaled_imu_t in;
-            mavlink_msg_scaled_imu_decode(&message, &in);
-            imu_t sample{};
-            if (!from_mavlink(in, sample)) { ++counters_.refused_samples; return; }
-            take_imu(sample, true);
-            return;
-        }
+        case MAVLINK_MSG_ID_SCALED_IMU: take_imu(2, mavlink_msg_scaled_imu_decode, message); return;
+        case MAVLINK_MSG_ID_SCALED_IMU2: take_imu(3, mavlink_msg_scaled_imu2_decode, message); return;
+        case MAVLINK_MSG_ID_SCALED_IMU3: take_imu(4, mavlink_msg_scaled_imu3_decode, message); return;
         case MAVLINK_MSG_ID_SCALED_PRESSURE: {
             mavlink_scaled_pressure_t in;
             mavlink_msg_scaled_pressure_decode(&message, &in);
@@ -130,22 +126,15 @@ void Bridge::take(const mavlink_message_t& message) {
             take_baro(height, true);
             return;
         }
-        case MAVLINK_MSG_ID_ATTITUDE_QUATERNION: {
-            mavlink_attitude_quaternion_t in;
-            mavlink_msg_attitude_quaternion_decode(&message, &in);
-            FullAttitude attitude;
-            if (!from_mavlink(in, attitude)) { ++counters_.refused_samples; return; }
-            take_attitude(attitude, false);
+        case MAVLINK_MSG_ID_ATTITUDE_QUATERNION: attitude(mavlink_msg_attitude_quaternion_decode, mavlink_attitude_quaternion_t{}, false); return;
+        case MAVLINK_MSG_ID_ATTITUDE: attitude(mavlink_msg_attitude_decode, mavlink_attitude_t{}, true); return;
+        case MAVLINK_MSG_ID_ESTIMATOR_STATUS: {
+            mavlink_estimator_status_t in;
+            mavlink_msg_estimator_status_decode(&message, &in);
+            take_estimator(in.flags, in.pos_horiz_ratio);
             return;
         }
-        case MAVLINK_MSG_ID_ATTITUDE: {
-            mavlink_attitude_t in;
-            mavlink_msg_attitude_decode(&message, &in);
-            FullAttitude attitude;
-            if (!from_mavlink(in, attitude)) { ++counters_.refused_samples; return; }
-            take_attitude(attitude, true);
-            return;
-        }
+        case MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: take_origin(message); return;
         case MAVLINK_MSG_ID_DISTANCE_SENSOR: take_range(message); return;
         case MAVLINK_MSG_ID_LOCAL_POSITION_NED: {
             mavlink_local_position_ned_t in;
@@ -190,10 +179,36 @@ void Bridge::take(const mavlink_message_t& message) {
     }
 }
 
-void Bridge::take_imu(imu_t& sample, const bool coarse) {
+void Bridge::take_highres(const mavlink_message_t& message) {
+    mavlink_highres_imu_t in;
+    mavlink_msg_highres_imu_decode(&message, &in);
+    baro_t height{};
+    if (from_mavlink(in, height)) {
+        take_baro(height, false);
+    } else if (says_pressure(in)) {
+        ++counters_.refused_samples;
+    }
+    imu_t sample{};
+    if (!from_mavlink(in, sample)) { ++counters_.refused_samples; return; }
+    take_imu(sample, 0);
+}
+
+template <class Message>
+void Bridge::take_imu(const std::size_t rank, void (*decode)(const mavlink_message_t*, Message*), const mavlink_message_t& message) {
+    Message in;
+    decode(&message, &in);
+    imu_t sample{};
+    if (!from_mavlink(in, sample)) { ++counters_.refused_samples; return; }
+    take_imu(sample, rank);
+}
+
+/// Of several kinds the best that came within the last second serves; the others are left out.
+void Bridge::take_imu(imu_t& sample, const std::size_t rank) {
     advance(sample.t_us);
-    if (!coarse) { fine_imu_us_ = now_us_; }
-    if (coarse && fine_imu_us_ >= 0 && now_us_ - fine_imu_us_ < kSubstituteAfter_us) { return; }
+    imu_heard_us_[rank] = now_us_;
+    for (std::size_t better = 0; better < rank; ++better) {
+        if (imu_heard_us_[better] >= 0 && now_us_ - imu_heard_us_[better] < kSubstituteAfter_us) { return; }
+    }
     if (imu_.seq > 0 && sample.t_us <= imu_.t_us) { ++counters_.refused_samples; return; }
     sample.seq = imu_.seq + 1;
     imu_ = sample;
@@ -245,6 +260,10 @@ void Bridge::take_battery(const std::int8_t percent) {
     const float remaining = battery_from_percent(percent);
     if (remaining < 0.0F) { return; }
     battery_ = remaining;
+    if (!armed_ || drain_from_ < 0.0F) {
+        drain_from_ = battery_;
+        drain_since_us_ = now_us_;
+    }
     if (battery_ <= p_.battery_land && flight_.active() && armed_ && !battery_landing_) {
         battery_landing_ = true;
         text(MAV_SEVERITY_CRITICAL, "battery at %d%%: landing here", static_cast<int>(std::lround(battery_ * 100.0F)));
@@ -259,18 +278,6 @@ void Bridge::take_ack(const mavlink_message_t& message) {
     if (ack.command == MAV_CMD_NAV_TAKEOFF && refused) { flight_.takeoff_refused(); }
 }
 
-/// Answers with the autopilot's own clock as we know it: all stamps that we send are on it, so the offset it finds is our delay alone.
-void Bridge::take_timesync(const mavlink_message_t& message) {
-    constexpr std::int64_t kNanoseconds = 1000;
-    mavlink_timesync_t in;
-    mavlink_msg_timesync_decode(&message, &in);
-    if (in.tc1 != 0 || now_us_ < 0) { return; }
-    mavlink_timesync_t out{};
-    out.tc1 = now_us_ * kNanoseconds;
-    out.ts1 = in.ts1;
-    send_autopilot(mavlink_msg_timesync_encode_status, out);
-}
-
 void Bridge::advance(const std::int64_t t_us) {
     if (t_us < 0) { return; }
     if (now_us_ >= 0 && t_us < now_us_ - kRestartJump_us) { forget_autopilot_clock(t_us); }
@@ -283,6 +290,7 @@ void Bridge::advance(const std::int64_t t_us) {
     }
     now_us_ = t_us;
     try_pending_start();
+    step_pilot_start();
     step_flight();
     if (flight_.holds() && now_us_ >= next_hold_us_ && supervisor_.last_good().valid) {
         constexpr std::int64_t kHoldPeriod_us = kSecond_us / 20;
@@ -298,10 +306,14 @@ void Bridge::advance(const std::int64_t t_us) {
         next_second_us_ = now_us_ + kSecond_us;
         send_heartbeat();
         send_progress();
+        send_timesync();
+        step_ground_silence();
     }
+    if (heard_) { step_origin(); }
     if (now_us_ >= next_streams_us_) { ask_for_streams(); }
     step_preflight();
     send_listed_parameters(1);
+    send_file_packets(1);
 }
 
 void Bridge::forget_autopilot_clock(const std::int64_t t_us) {
@@ -316,7 +328,16 @@ void Bridge::forget_autopilot_clock(const std::int64_t t_us) {
     range_up_.t_us = t_us - 1;
     range_down_.t_us = t_us - 1;
     baro_.t_us = t_us - kBaroPeriod_us;
-    fine_imu_us_ = -1;
+    imu_heard_us_.fill(-1);
+    time_sync_.reset();
+    origin_known_ = false;
+    origin_tries_ = 0;
+    next_origin_us_ = 0;
+    next_obstacles_us_ = 0;
+    estimator_us_ = -1;
+    other_autopilot_us_ = -1;
+    ground_heard_us_ = -1;
+    last_order_us_ = -1;
     fine_baro_us_ = -1;
     quaternion_us_ = -1;
     local_us_ = -1;
@@ -330,6 +351,7 @@ void Bridge::forget_autopilot_clock(const std::int64_t t_us) {
 }
 
 void Bridge::on_nav(const nav_t& message) {
+    if (nav_heard_ && message.floor != nav_.floor) { text(MAV_SEVERITY_INFO, "floor %d", static_cast<int>(message.floor)); }
     const bool changed = nav_heard_ && (message.state != nav_.state || message.reason != nav_.reason);
     const SetpointCheck check = supervisor_.nav(message, now_us_);
     if (!nav_heard_ && message.parameters_crc != static_cast<std::int32_t>(kParametersCrc)) {
@@ -340,6 +362,7 @@ void Bridge::on_nav(const nav_t& message) {
     nav_heard_ = true;
     compare_values();
     if (check == SetpointCheck::good && flight_.passes_setpoints()) { send_setpoint(supervisor_.last_good(), message.t_us); }
+    if (awaits_pilot()) { send_setpoint({true, message.x_m, message.y_m, message.z_m, 0.0F, 0.0F, 0.0F, message.yaw_rad}, message.t_us); }
     if (changed) {
         const char* reason = reason_text(message.reason);
         text(MAV_SEVERITY_INFO, reason[0] == '\0' ? "%s%s" : "%s: %s", state_text(message.state), reason);
@@ -364,7 +387,11 @@ void Bridge::on_odom(const odom_t& message) {
     out.reset_counter += reset_offset_;
     mavlink_odometry_t odometry = to_odometry(out);
     odometry.estimator_type = flavour_ != nullptr ? flavour_->odometry_estimator : std::uint8_t{MAV_ESTIMATOR_TYPE_UNKNOWN};
-    send_autopilot(mavlink_msg_odometry_encode_status, odometry);
+    if (p_.link_vision_message == 0) {
+        send_autopilot(mavlink_msg_odometry_encode_status, odometry);
+    } else if (out.quality >= 0) {  // it has no field for "nothing is known": then it is silent
+        send_autopilot(mavlink_msg_vision_position_estimate_encode_status, to_vision_position_estimate(out));
+    }
     ++counters_.odometry_sent;
     if (usable) { last_odom_ = message; }
     if (heard_us >= next_ground_odometry_us_) {

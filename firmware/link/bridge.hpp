@@ -17,17 +17,21 @@
 #include "lcmtypes/noctule/command_t.hpp"
 #include "lcmtypes/noctule/imu_t.hpp"
 #include "lcmtypes/noctule/nav_t.hpp"
+#include "lcmtypes/noctule/objects_t.hpp"
 #include "lcmtypes/noctule/odom_t.hpp"
 #include "lcmtypes/noctule/parameters_t.hpp"
 #include "lcmtypes/noctule/range_t.hpp"
+#include "lcmtypes/noctule/scan_t.hpp"
 #include "lcmtypes/noctule/vehicle_t.hpp"
 #include "link/flavour.hpp"
 #include "link/flight_control.hpp"
+#include "link/ftp_server.hpp"
 #include "link/mavlink.hpp"
 #include "link/mavlink_convert.hpp"
 #include "link/parameter_server.hpp"
 #include "link/preflight.hpp"
 #include "link/supervisor.hpp"
+#include "link/time_sync.hpp"
 #include "params.gen.hpp"
 
 namespace noctule {
@@ -47,6 +51,15 @@ public:
     virtual void publish(const command_t& message) = 0;
     virtual void publish(const parameters_t& message) = 0;
     virtual void store(const Parameters& parameters) = 0;  ///< on disk, at once and whole or not at all; never called in flight
+};
+
+/// The computer that the bridge runs on, for ONBOARD_COMPUTER_STATUS.
+struct ComputerLoad {
+    std::uint32_t uptime_ms = 0;
+    std::uint8_t cpu_percent = UINT8_MAX;    ///< UINT8_MAX: not known
+    std::int8_t temperature_c = INT8_MAX;    ///< INT8_MAX: not known
+    std::uint32_t ram_used_mib = UINT32_MAX;
+    std::uint32_t ram_total_mib = UINT32_MAX;
 };
 
 class Bridge {
@@ -69,6 +82,14 @@ public:
     void from_ground(std::span<const std::uint8_t> bytes);
     void on_nav(const nav_t& message);
     void on_odom(const odom_t& message);
+    void on_scan(const scan_t& message);
+    void on_objects(const objects_t& message);
+    void on_computer(const ComputerLoad& load);
+
+    /// Our clock, monotonic, now: for TIMESYNC. Set it before datagrams are handed in; without it no offset is known.
+    void set_clock(std::int64_t wall_us) { wall_us_ = wall_us; }
+    /// The vehicle is carried by hand: no setpoint, mode or arming is ever sent, and a start is refused.
+    void set_map_only() { map_only_ = true; }
 
     /// Wall time, rising; a few times a second. Only for heartbeats before an autopilot is heard and for its silence.
     void on_wall(std::int64_t wall_us);
@@ -91,41 +112,71 @@ private:
         std::int64_t give_up_us = 0;
     };
     struct Stream {
+        const char* name;
         std::uint32_t msgid;
         std::uint32_t substitute;  ///< asked for as well when msgid never comes; 0 none
         float rate_hz;
         std::uint32_t count;       ///< since the last look
+        int futile;                ///< times it was asked for and did not come
     };
 
     // bridge.cpp: what comes from the autopilot
     void autopilot_frame(const MavlinkFrame& frame);
     void take(const mavlink_message_t& message);
     void take_heartbeat(const mavlink_message_t& message);
-    void take_imu(imu_t& sample, bool coarse);
+    template <class Message>
+    void take_imu(std::size_t rank, void (*decode)(const mavlink_message_t*, Message*), const mavlink_message_t& message);
+    void take_imu(imu_t& sample, std::size_t rank);
+    void take_highres(const mavlink_message_t& message);
     void take_attitude(const FullAttitude& attitude, bool substitute);
     void take_range(const mavlink_message_t& message);
     void take_baro(baro_t& sample, bool substitute);
     void take_battery(std::int8_t percent);
     void take_ack(const mavlink_message_t& message);
-    void take_timesync(const mavlink_message_t& message);
     void advance(std::int64_t t_us);
     void forget_autopilot_clock(std::int64_t t_us);
     [[nodiscard]] bool passes_to_ground(const MavlinkFrame& frame);
 
     // bridge_ground.cpp: what comes from a ground station
     void ground_frame(const MavlinkFrame& frame);
-    void take_command(std::uint16_t command, float param1, float earliest_s, MavlinkTarget asked_by);
+    struct Asked {
+        std::uint16_t command;
+        float param1;
+        float param3;
+        MavlinkTarget by;
+    };
+    void take_command(const Asked& asked);
+    void take_mission_command(const Asked& asked);
+    void take_message_request(const Asked& asked);
+    void send_version();
+    void send_component_metadata();
+    void take_file_request(const mavlink_message_t& message, MavlinkTarget asked_by);
+    void send_file_packets(int at_most);
+    [[nodiscard]] bool under_way(std::int32_t wanted) const;
+    [[nodiscard]] bool awaits_pilot() const;
+    void step_pilot_start();
+    void step_ground_silence();
     void take_start(float earliest_s, MavlinkTarget asked_by);
     void try_pending_start();
     struct Obstacle {
         const char* why = nullptr;   ///< null: none
         std::uint8_t result = MAV_RESULT_TEMPORARILY_REJECTED;
     };
-    [[nodiscard]] Obstacle start_obstacle() const;
+    [[nodiscard]] Obstacle start_obstacle(bool by_pilot) const;
     void refuse_start(const Obstacle& obstacle, MavlinkTarget asked_by);
-    void begin_start(MavlinkTarget asked_by);
+    bool begin_start(bool by_pilot);
     void acknowledge(std::uint16_t command, std::uint8_t result, MavlinkTarget asked_by);
     void order(std::int32_t command);
+
+    // bridge_telemetry.cpp
+    void take_timesync(const mavlink_message_t& message);
+    void send_timesync();
+    void take_origin(const mavlink_message_t& message);
+    void step_origin();
+    void take_estimator(std::uint16_t flags, float position_ratio);
+    void take_unknown(std::span<const std::uint8_t> frame);
+    [[nodiscard]] bool estimator_lost() const;
+    [[nodiscard]] float time_left_s() const;
 
     // bridge_parameters.cpp
     void take_parameter_request(const mavlink_message_t& message, MavlinkTarget asked_by);
@@ -165,6 +216,9 @@ private:
     [[nodiscard]] bool is_us(const mavlink_message_t& message) const { return message.sysid == system_ && message.compid == MAV_COMP_ID_ONBOARD_COMPUTER; }
     [[nodiscard]] MavlinkTarget autopilot() const { return {system_, MAV_COMP_ID_AUTOPILOT1}; }
 
+    static constexpr std::size_t kImuRanks = 5;                ///< HIGHRES_IMU, RAW_IMU, SCALED_IMU, SCALED_IMU2, SCALED_IMU3
+    static constexpr std::uint32_t kEkfStatusReport = 193;     ///< ArduPilot's dialect
+    static constexpr std::uint16_t kSetGlobalOrigin = 611;     ///< MAV_CMD_DO_SET_GLOBAL_ORIGIN, newer than the headers
     static constexpr float kTextReserve = 3.0F;  ///< texts that a long list leaves to others
 
     Parameters& p_;
@@ -201,7 +255,7 @@ private:
     baro_t baro_{};
     vehicle_t vehicle_{};
     command_t command_{};
-    std::int64_t fine_imu_us_ = -1;        ///< when HIGHRES_IMU last came
+    std::array<std::int64_t, kImuRanks> imu_heard_us_;  ///< when each kind last came
     std::int64_t fine_baro_us_ = -1;       ///< when HIGHRES_IMU last had the pressure
     std::int64_t quaternion_us_ = -1;      ///< when ATTITUDE_QUATERNION last came
 
@@ -225,6 +279,28 @@ private:
     std::int64_t next_streams_us_ = 0;
     std::int64_t streams_since_us_ = 0;
 
+    // What it tells
+    TimeSync time_sync_;
+    std::int64_t timesync_sent_ns_ = 0;    ///< of the question under way; 0 none
+    bool origin_known_ = false;
+    int origin_tries_ = 0;
+    std::int64_t next_origin_us_ = 0;
+    std::int64_t next_obstacles_us_ = 0;
+    std::int64_t estimator_us_ = -1;
+    std::uint16_t estimator_flags_ = 0;
+    std::int32_t newest_object_ = 0;
+    float drain_from_ = -1.0F;             ///< battery at take-off
+    std::int64_t drain_since_us_ = 0;
+    bool map_only_ = false;
+    std::int64_t other_autopilot_us_ = -1; ///< when a second autopilot was last heard
+    bool switch_seen_off_ = false;         ///< the offboard mode was not on since the last start
+    std::int32_t last_order_ = 0;
+    std::int64_t last_order_us_ = -1;
+    std::int64_t ground_heard_us_ = -1;
+    bool ground_lost_ = false;
+
+    FtpServer ftp_;
+
     // Parameters
     ParameterServer table_;
     Preflight preflight_;
@@ -237,7 +313,7 @@ private:
 
     // Ground station
     PendingStart pending_start_;
-    std::array<Stream, 7> streams_;
+    std::array<Stream, 8> streams_;
     float text_tokens_ = 8.0F;
     std::int64_t text_tokens_us_ = 0;
     std::uint16_t text_id_ = 0;

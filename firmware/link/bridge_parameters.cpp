@@ -12,6 +12,7 @@ namespace {
 constexpr std::int64_t kTableAgain_us = 1000000;
 constexpr int kQuestionsPerStep = 4;
 constexpr std::size_t kRowsPerWallTurn = 8;
+constexpr int kPacketsPerWallTurn = 8;
 
 }  // namespace
 
@@ -103,7 +104,10 @@ void Bridge::send_listed_parameters(std::size_t at_most) {
 
 /// Rows of a list while the autopilot's clock stands still.
 void Bridge::send_parameters_on_wall() {
-    if (now_us_ == listed_at_us_) { send_listed_parameters(kRowsPerWallTurn); }
+    if (now_us_ == listed_at_us_) {
+        send_listed_parameters(kRowsPerWallTurn);
+        send_file_packets(kPacketsPerWallTurn);
+    }
     listed_at_us_ = now_us_;
 }
 

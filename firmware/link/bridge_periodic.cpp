@@ -120,22 +120,6 @@ void Bridge::send_heartbeat() {
     send_ground(mavlink_msg_heartbeat_encode_status, out);
 }
 
-void Bridge::send_progress() {
-    if (!nav_heard_) { return; }
-    const auto send = [this](const char* name, const float value) {
-        mavlink_named_value_float_t out{};
-        out.time_boot_ms = static_cast<std::uint32_t>(now_us_ / 1000);
-        std::copy_n(name, std::min(std::strlen(name), sizeof out.name), out.name);
-        out.value = value;
-        send_ground(mavlink_msg_named_value_float_encode_status, out);
-    };
-    send("nav_state", static_cast<float>(nav_.state));
-    send("nav_ready", static_cast<float>(nav_.ready));
-    send("area_m2", nav_.known_area_m2);
-    send("floor", static_cast<float>(nav_.floor));
-    send("quality", static_cast<float>(nav_.quality));
-}
-
 void Bridge::publish_vehicle() {
     next_vehicle_us_ = now_us_ + kVehiclePeriod_us;
     vehicle_.t_us = now_us_;
@@ -150,6 +134,9 @@ void Bridge::publish_vehicle() {
     vehicle_.local_y_m = local_.y_m;
     vehicle_.local_z_m = local_.z_m;
     vehicle_.local_yaw_rad = local_yaw_rad_;
+    const TimeSync::Estimate clock = time_sync_.estimate();
+    vehicle_.clock_offset_us = clock.offset_us;
+    vehicle_.clock_round_trip_us = clock.valid ? static_cast<std::int32_t>(clock.round_trip_us) : -1;
     sink_.publish(vehicle_);
 }
 
@@ -159,10 +146,17 @@ void Bridge::ask_for_streams() {
         send_command(MAV_CMD_SET_MESSAGE_INTERVAL, {static_cast<float>(msgid), 1e6F / rate_hz});
     };
     const float span_s = static_cast<float>(now_us_ - streams_since_us_) * 1e-6F;
+    constexpr int kFutileAtMost = 3;
     for (Stream& stream : streams_) {
         if (static_cast<float>(stream.count) < 0.5F * stream.rate_hz * span_s) {
+            if (stream.futile == kFutileAtMost && stream.rate_hz > 1.0F) {
+                text(MAV_SEVERITY_NOTICE, "%s comes at %.0f of %.0f Hz", stream.name, static_cast<double>(static_cast<float>(stream.count) / span_s), static_cast<double>(stream.rate_hz));
+            }
+            ++stream.futile;
             ask(stream.msgid, stream.rate_hz);
             if (stream.count == 0 && stream.substitute != 0) { ask(stream.substitute, stream.rate_hz); }
+        } else {
+            stream.futile = 0;
         }
         stream.count = 0;
     }

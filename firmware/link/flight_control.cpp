@@ -25,7 +25,15 @@ bool FlightControl::start(const FlightView& view) {
     pressed_since_us_ = -1;
     stream_since_us_ = -1;
     mode_before_ = view.custom_mode;
+    by_pilot_ = false;
     static_cast<void>(enter(Phase::streaming, view, Notice::start_sequence));
+    return true;
+}
+
+bool FlightControl::start_by_pilot(const FlightView& view) {
+    if (!start(view)) { return false; }
+    by_pilot_ = true;
+    static_cast<void>(enter(Phase::arming, view, Notice::start_sequence));
     return true;
 }
 
@@ -94,13 +102,13 @@ FlightStep FlightControl::step_entering(const FlightView& view) {
 
 FlightStep FlightControl::step_arming(const FlightView& view) {
     if (view.custom_mode != view.offboard_mode) { return yield(view, Notice::pilot_took_over); }
-    if (view.armed) {
+    if (view.armed && (!by_pilot_ || view.setpoint_fresh)) {  // a pilot's start: nav's first setpoint may be a scan away
         takeoff_pending_ = view.takeoff_command;
         return enter(Phase::flying, view, Notice::armed);
     }
-    if (!view.setpoint_fresh && view.fault != Fault::none) { return yield(view, Notice::no_setpoint); }
+    if (!by_pilot_ && !view.setpoint_fresh && view.fault != Fault::none) { return yield(view, Notice::no_setpoint); }
     if (view.now_us - entered_us_ > to_us(p_.link_arm_timeout_s)) { return yield(view, Notice::arm_refused); }
-    return {repeat(Request::arm, view)};
+    return {by_pilot_ ? Request::none : repeat(Request::arm, view)};
 }
 
 FlightStep FlightControl::step_flying(const FlightView& view) {

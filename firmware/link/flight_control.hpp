@@ -76,6 +76,9 @@ public:
     /// A start was accepted at the view's time. False: one is under way already; nothing changes.
     [[nodiscard]] bool start(const FlightView& view);
 
+    /// The pilot chose the offboard mode and arms himself: nothing is asked for. False as above.
+    [[nodiscard]] bool start_by_pilot(const FlightView& view);
+
     /// One look at the world, at rising times. Cost is constant.
     FlightStep step(const FlightView& view);
 
@@ -112,6 +115,7 @@ private:
     const Parameters& p_;
     Phase phase_ = Phase::idle;
     bool mission_lost_ = false;
+    bool by_pilot_ = false;                  ///< the pilot arms
     bool takeoff_pending_ = false;
     bool land_mode_seen_ = false;
     std::uint32_t mode_before_ = 0;          ///< mode when the start was accepted

@@ -163,11 +163,32 @@ mavlink_highres_imu_t to_highres_imu(const imu_t& in) {
     return out;
 }
 
-bool from_mavlink(const mavlink_scaled_imu_t& in, imu_t& out) {
+namespace {
+
+/// Milli-g and milliradians a second, whatever the message is called.
+template <class Message>
+void set_milli_imu(const Message& in, imu_t& out) {
     constexpr float kAccel = kMilli * kGravity_m_s2;
-    out.t_us = from_boot_ms(in.time_boot_ms);
     set_imu({static_cast<float>(in.xacc) * kAccel, static_cast<float>(in.yacc) * kAccel, static_cast<float>(in.zacc) * kAccel},
             {static_cast<float>(in.xgyro) * kMilli, static_cast<float>(in.ygyro) * kMilli, static_cast<float>(in.zgyro) * kMilli}, out);
+}
+
+template <class Message>
+bool from_scaled(const Message& in, imu_t& out) {
+    out.t_us = from_boot_ms(in.time_boot_ms);
+    set_milli_imu(in, out);
+    return true;
+}
+
+}  // namespace
+
+bool from_mavlink(const mavlink_scaled_imu_t& in, imu_t& out) { return from_scaled(in, out); }
+bool from_mavlink(const mavlink_scaled_imu2_t& in, imu_t& out) { return from_scaled(in, out); }
+bool from_mavlink(const mavlink_scaled_imu3_t& in, imu_t& out) { return from_scaled(in, out); }
+
+bool from_mavlink(const mavlink_raw_imu_t& in, imu_t& out) {
+    out.t_us = static_cast<std::int64_t>(in.time_usec);
+    set_milli_imu(in, out);
     return true;
 }
 
@@ -321,6 +342,37 @@ bool from_mavlink(const mavlink_set_position_target_local_ned_t& in, Setpoint& o
     return true;
 }
 
+namespace {
+
+/// Upper triangle of 6 x 6, row by row: the diagonal stands at 0, 6, 11, 15, 18, 20.
+std::array<float, 21> pose_covariance(const odom_t& in) {
+    std::array<float, 21> out{};
+    out[0] = in.position_var_m2[0];
+    out[6] = in.position_var_m2[1];
+    out[11] = in.position_var_m2[2];
+    out[15] = kAttitudeVar_rad2;
+    out[18] = kAttitudeVar_rad2;
+    out[20] = in.yaw_var_rad2;
+    return out;
+}
+
+}  // namespace
+
+mavlink_vision_position_estimate_t to_vision_position_estimate(const odom_t& in) {
+    mavlink_vision_position_estimate_t out{};
+    out.usec = static_cast<std::uint64_t>(in.t_us);
+    out.x = in.x_m;
+    out.y = -in.y_m;
+    out.z = -in.z_m;
+    out.roll = in.roll_rad;
+    out.pitch = -in.pitch_rad;
+    out.yaw = wrap_angle(-in.yaw_rad);
+    const std::array<float, 21> covariance = pose_covariance(in);
+    std::memcpy(out.covariance, covariance.data(), sizeof out.covariance);
+    out.reset_counter = static_cast<std::uint8_t>(in.reset_counter & 0xFF);
+    return out;
+}
+
 mavlink_odometry_t to_odometry(const odom_t& in) {
     const Matrix map_body = rotation(in.roll_rad, in.pitch_rad, in.yaw_rad);
     const Vector velocity = flip(transposed_times(map_body, {in.vx_m_s, in.vy_m_s, in.vz_m_s}));
@@ -342,13 +394,8 @@ mavlink_odometry_t to_odometry(const odom_t& in) {
     out.rollspeed = rate[0];
     out.pitchspeed = rate[1];
     out.yawspeed = rate[2];
-    // Upper triangles of 6 x 6, row by row: the diagonal stands at 0, 6, 11, 15, 18, 20.
-    out.pose_covariance[0] = in.position_var_m2[0];
-    out.pose_covariance[6] = in.position_var_m2[1];
-    out.pose_covariance[11] = in.position_var_m2[2];
-    out.pose_covariance[15] = kAttitudeVar_rad2;
-    out.pose_covariance[18] = kAttitudeVar_rad2;
-    out.pose_covariance[20] = in.yaw_var_rad2;
+    const std::array<float, 21> covariance = pose_covariance(in);
+    std::memcpy(out.pose_covariance, covariance.data(), sizeof out.pose_covariance);
     out.velocity_covariance[0] = c2 * in.velocity_var_m2_s2[0] + s2 * in.velocity_var_m2_s2[1];
     out.velocity_covariance[6] = s2 * in.velocity_var_m2_s2[0] + c2 * in.velocity_var_m2_s2[1];
     out.velocity_covariance[11] = in.velocity_var_m2_s2[2];

@@ -51,8 +51,11 @@ enum class RangeDirection : std::uint8_t { up, down, other };
 /// SCALED_PRESSURE through the standard atmosphere.
 [[nodiscard]] bool from_mavlink(const mavlink_scaled_pressure_t& in, baro_t& out);
 
-/// SCALED_IMU (milli-g, mrad/s): the coarser substitute.
+/// SCALED_IMU, SCALED_IMU2, SCALED_IMU3 and ArduPilot's RAW_IMU (all in milli-g, mrad/s): the coarser substitutes.
 [[nodiscard]] bool from_mavlink(const mavlink_scaled_imu_t& in, imu_t& out);
+[[nodiscard]] bool from_mavlink(const mavlink_scaled_imu2_t& in, imu_t& out);
+[[nodiscard]] bool from_mavlink(const mavlink_scaled_imu3_t& in, imu_t& out);
+[[nodiscard]] bool from_mavlink(const mavlink_raw_imu_t& in, imu_t& out);
 [[nodiscard]] mavlink_scaled_imu_t to_scaled_imu(const imu_t& in);
 
 /// ATTITUDE_QUATERNION. False when the quaternion's length is not near one.
@@ -90,5 +93,8 @@ enum class RangeDirection : std::uint8_t { up, down, other };
 /// frames; it leaves at_scan at 0.
 [[nodiscard]] mavlink_odometry_t to_odometry(const odom_t& in);
 [[nodiscard]] bool from_mavlink(const mavlink_odometry_t& in, odom_t& out);
+
+/// VISION_POSITION_ESTIMATE: the same pose, in the same frame (LOCAL_FRD), with Euler angles; no velocity, no quality.
+[[nodiscard]] mavlink_vision_position_estimate_t to_vision_position_estimate(const odom_t& in);
 
 }  // namespace noctule

@@ -3,6 +3,7 @@
 #include <cmath>
 
 #include "core/angle.hpp"
+#include "plan/fence.hpp"
 
 namespace noctule {
 
@@ -39,6 +40,14 @@ SetpointCheck Supervisor::check(const nav_t& m, const Setpoint& setpoint) const 
         return SetpointCheck::rejected_reach;
     }
     if (distance(setpoint.vx_m_s, setpoint.vy_m_s, setpoint.vz_m_s) > p_.link_setpoint_speed_m_s) { return SetpointCheck::rejected_speed; }
+    constexpr float kFenceMargin_m = 0.3F;  // the guard in nav cuts back to the fence itself
+    if (Fence(p_).depth_m(setpoint.x_m, setpoint.y_m) < -kFenceMargin_m || setpoint.z_m > p_.fence_height_m + kFenceMargin_m) { return SetpointCheck::rejected_fence; }
+    if (last_good_.valid && within(setpoint_seen_us_, nav_seen_us_, to_us(p_.link_setpoint_timeout_s)) && !within(reset_us_, nav_seen_us_, kResetGrace_us)) {
+        const float explained_m = p_.link_setpoint_speed_m_s * static_cast<float>(nav_seen_us_ - setpoint_seen_us_) / kMicroseconds;
+        if (distance(setpoint.x_m - last_good_.x_m, setpoint.y_m - last_good_.y_m, setpoint.z_m - last_good_.z_m) > p_.link_setpoint_jump_m + explained_m) {
+            return SetpointCheck::rejected_jump;
+        }
+    }
     return SetpointCheck::good;
 }
 

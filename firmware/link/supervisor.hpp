@@ -21,6 +21,8 @@ enum class SetpointCheck : std::uint8_t {
     rejected_time,        ///< older than one we had, or far off the autopilot's clock
     rejected_reach,       ///< too far from the estimate or from the autopilot's position
     rejected_speed,
+    rejected_fence,       ///< outside the fence (docs/safety.md)
+    rejected_jump,        ///< too far from the good one before it
 };
 
 /// What is wrong in flight, worst first where several hold.

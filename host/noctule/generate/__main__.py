@@ -4,7 +4,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from noctule.generate import ROOT, InterfaceError, lcm, parameters, streams, write_if_changed
+from noctule.generate import ROOT, InterfaceError, lcm, metadata, parameters, streams, write_if_changed
 
 HOST = Path(__file__).resolve().parents[1]
 
@@ -31,6 +31,7 @@ def main(argv=None):
     try:
         if arguments.command == "cpp":
             write_if_changed(arguments.out / "params.gen.hpp", parameters.cpp(parameters.load()))
+            write_if_changed(arguments.out / "metadata.gen.hpp", metadata.cpp(parameters.load()))
             write_if_changed(arguments.out / "streams.gen.hpp", streams.cpp(streams.load(messages=lcm.load())))
             lcm.generate_cpp(arguments.out)
         elif arguments.command == "python":
