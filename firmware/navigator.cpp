@@ -1,6 +1,14 @@
 #include "navigator.hpp"
 
+#include <limits>
+
 namespace noctule {
+
+namespace {
+
+constexpr float kThroughOpeningM = 0.5F;   ///< ground this far under the floor
+
+}  // namespace
 
 Navigator::Navigator(const Parameters& parameters)
     : localiser_(parameters), altitude_(parameters), grid_(parameters), mission_(parameters), reference_(parameters), guard_(parameters) {}
@@ -11,7 +19,12 @@ void Navigator::update_estimate(const SensorFrame& frame) {
         estimate_.roll_rad = frame.attitude.back().roll_rad;
         estimate_.pitch_rad = frame.attitude.back().pitch_rad;
     }
-    estimate_.planar = localiser_.update(frame, estimate_.altitude);
+    // Heights for the laser's tilt count from the floor that the mission was on one step ago; what lies deeper is seen through an opening.
+    AltitudeEstimate last = estimate_.altitude;
+    last.floor_z_m = mission_.floors().floor_z_m(last);
+    if (last.ground_z_m < last.floor_z_m - kThroughOpeningM) { last.ground_z_m = std::numeric_limits<float>::quiet_NaN(); }
+    localiser_.enter_layer(mission_.floors().layer());
+    estimate_.planar = localiser_.update(frame, last);
     estimate_.altitude = altitude_.update(frame, estimate_.planar);
 }
 
@@ -20,7 +33,15 @@ const NavOutput& Navigator::step(const SensorFrame& frame) {
     const std::int64_t t_us = frame.scan.t_us;
 
     update_estimate(frame);
-    grid_.integrate(estimate_, localiser_.level_scan());
+    const FloorPlanner& floors = mission_.floors();
+    mission_.see(estimate_, frame, localiser_.level_scan(), grid_);
+    static_cast<void>(grid_.select_floor(floors.current()));
+    grid_.set_published_floors(floors.confirmed_bits());
+    if (floors.layer() != FloorPlanner::kShaft) {
+        Estimate on_floor = estimate_;
+        on_floor.altitude.floor_z_m = floors.floor_z_m(estimate_.altitude);
+        grid_.integrate(on_floor, localiser_.level_scan());
+    }
     const Target& target = mission_.step(estimate_, grid_, vehicle_, frame.command, reference_.pose(), t_us);
     const Setpoint& wanted = reference_.step(estimate_, target, t_us);
     const bool vertical_free = mission_.state() == MissionState::taking_off || mission_.state() == MissionState::landing;
@@ -36,6 +57,9 @@ const NavOutput& Navigator::step(const SensorFrame& frame) {
     output_.ready = mission_.ready();
     output_.want_disarm = mission_.want_disarm();
     output_.goal_valid = mission_.goal(output_.goal_x_m, output_.goal_y_m);
+    output_.floor = floors.name_of(floors.current());
+    for (std::int32_t i = 0; i < kMaxFloors; ++i) { output_.floor_names[static_cast<std::size_t>(i)] = floors.name_of(i); }
+    output_.openings_refused = static_cast<std::int32_t>(floors.judged().size());
     output_.known_area_m2 = grid_.known_area_m2();
     output_.clearance_m = guard_.clearance_m();
     output_.guard_interventions = guard_.interventions();

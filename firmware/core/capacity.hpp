@@ -28,7 +28,8 @@ inline constexpr std::size_t kMaxPaperLevels = 256;      ///< level entries of t
 
 // Map and plan.
 inline constexpr std::size_t kMaxTiles = 768;            ///< tiles of 64 x 64 cells, 31 457 m2 at 0.10 m; a further one is refused
-inline constexpr std::int32_t kMaxFloors = 8;             ///< floors that share the tiles; a further one is refused
+inline constexpr std::int32_t kMaxFloors = 8;             ///< floors that share the tiles; an opening to a further one is refused
+inline constexpr std::size_t kFloorSlots = static_cast<std::size_t>(kMaxFloors);
 inline constexpr std::size_t kMaxTouchedTiles = 128;     ///< tiles that one sweep can touch; beyond, its beams count one by one
 inline constexpr std::size_t kMaxFieldTiles = 320;       ///< tiles of one floor with costs of the way, 13 107 m2; what lies beyond is not reachable
 inline constexpr std::size_t kTileDirectory = 2048;      ///< entries of the tile directory, a power of two over twice kMaxTiles
@@ -40,6 +41,11 @@ inline constexpr std::size_t kMaxTriedPlaces = 256;      ///< places that could 
 inline constexpr std::size_t kMaxTrailNodes = 2048;      ///< places flown, 0.7 m apart, with the way home; further ones are left out
 inline constexpr std::size_t kMaxPathPoints = 64;        ///< points of the path ahead, about 3 m; a longer one is cut
 inline constexpr std::size_t kMaxDirtyBlocks = 49152;    ///< blocks of 8 x 8 cells waiting for new clearances: all of them fit
+
+// Floors.
+inline constexpr std::size_t kMaxVerticalCells = 32768;  ///< places in which something over or under was seen, a power of two; at 7/8 of it a new one is refused
+inline constexpr std::size_t kMaxOpenings = 64;          ///< openings judged (taken, refused, without a floor behind); the oldest that was refused gives way
+inline constexpr std::size_t kMaxElevationBins = 512;    ///< bins of 5 cm in the distribution of elevations; what lies beyond is left out
 
 // Planar estimation.
 inline constexpr std::size_t kMaxMotionNodes = kMaxImuPerStep + 8;  ///< poses of one sweep; the newest are refused

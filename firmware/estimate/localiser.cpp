@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 namespace noctule {
 
@@ -32,12 +33,30 @@ constexpr double kRestartSpeed_m_s = 0.5;
     return last_us - first_us < 1000000 ? last_us : first_us;
 }
 
+template <std::size_t... I>
+[[nodiscard]] std::array<PointMap, sizeof...(I)> point_maps(const Parameters& parameters, std::index_sequence<I...>) {
+    return {((void)I, PointMap(parameters))...};
+}
+
 [[nodiscard]] double seconds(const std::int64_t from_us, const std::int64_t to_us) { return 1e-6 * static_cast<double>(to_us - from_us); }
 
 }  // namespace
 
 Localiser::Localiser(const Parameters& parameters)
-    : parameters_(parameters), leveller_(parameters), extractor_(parameters), inertial_(parameters), filter_(parameters), points_(parameters), tracker_(parameters) {}
+    : parameters_(parameters), leveller_(parameters), extractor_(parameters), inertial_(parameters), filter_(parameters),
+      points_(point_maps(parameters, std::make_index_sequence<kFloorSlots + 1>{})), tracker_(parameters) {}
+
+void Localiser::enter_layer(const std::int32_t layer) {
+    const auto next = static_cast<std::size_t>(std::clamp(layer, 0, kShaftLayer));
+    if (next == layer_) { return; }
+    if (next == static_cast<std::size_t>(kShaftLayer)) {
+        stored_[next].count = 0;
+        points_[next].clear();
+    }
+    filter_.change_layer(stored_[layer_], stored_[next]);
+    layer_ = next;
+    tracker_.clear();   // sweeps of another floor match nothing here
+}
 
 void Localiser::take_attitude(const SensorFrame& frame) {
     if (attitude_.size() > 1) {
@@ -202,7 +221,7 @@ const PlanarEstimate& Localiser::finish(const SensorFrame& frame, const Altitude
     leveller_.level(frame.scan, motion_, bounds, level_scan_);
     const WallObservations& walls = extractor_.extract(level_scan_);
     collect_match_points();
-    points_.set_noise(level_scan_.range_noise_m);
+    points_[layer_].set_noise(level_scan_.range_noise_m);
 
     if (!started_) {
         started_ = true;
@@ -217,7 +236,7 @@ const PlanarEstimate& Localiser::finish(const SensorFrame& frame, const Altitude
     if (lead) {
         static_cast<void>(tracker_.match(predicted, filter_.predicted_covariance()));
     } else if (parameters_.point_match != 0) {
-        match = points_.match(match_points_, predicted, filter_.predicted_covariance());
+        match = points_[layer_].match(match_points_, predicted, filter_.predicted_covariance());
     }
     const WallFilter::Result& result = lead ? filter_.follow(walls, tracker_.fit(), level_scan_) : filter_.update(walls, match, level_scan_);
 
@@ -240,7 +259,7 @@ const PlanarEstimate& Localiser::finish(const SensorFrame& frame, const Altitude
     estimate_.effective_particles = result.effective_particles;
     estimate_.pose_map_body = result.pose;
     publish(predicted, result, informed);
-    if (parameters_.point_match != 0 && estimate_.quality >= 0) { points_.add(match_points_, result.pose); }
+    if (parameters_.point_match != 0 && estimate_.quality >= 0) { points_[layer_].add(match_points_, result.pose); }
     if (parameters_.scan_match != 0 && estimate_.quality >= 0) { tracker_.keep(result.pose); }
     return estimate_;
 }
@@ -312,7 +331,7 @@ Localiser::Counters Localiser::counters() const {
     counters.blind_scans = blind_scans_;
     counters.lost = lost_;
     counters.landmarks_evicted = filter_.counters().evicted;
-    counters.cells_evicted = points_.counters().evicted;
+    for (const PointMap& points : points_) { counters.cells_evicted += points.counters().evicted; }
     return counters;
 }
 

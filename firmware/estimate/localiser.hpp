@@ -46,6 +46,11 @@ public:
     /// The same with motion from elsewhere (wheel odometry): frame.imu is ignored, the increment leads to the scan's stamp.
     const PlanarEstimate& update(const SensorFrame& frame, const AltitudeEstimate& last_altitude, const MotionIncrement& motion);
 
+    /// Another floor (0 to kMaxFloors - 1) or a shaft between two (kShaftLayer, begun anew each time): its walls and points are taken
+    /// up, those of the layer before are kept for its return. The pose and the doubt about it are carried over.
+    void enter_layer(std::int32_t layer);
+    static constexpr std::int32_t kShaftLayer = kMaxFloors;
+
     [[nodiscard]] const LevelScan& level_scan() const { return level_scan_; }
     [[nodiscard]] const PlanarEstimate& estimate() const { return estimate_; }
     /// Walls of the best particle. What does not fit is refused and counted by the container.
@@ -71,7 +76,9 @@ private:
     WallExtractor extractor_;
     InertialFilter inertial_;
     WallFilter filter_;
-    PointMap points_;
+    std::array<PointMap, kFloorSlots + 1> points_;   ///< one a layer
+    std::array<StoredWalls, kFloorSlots + 1> stored_{};
+    std::size_t layer_ = 0;
     ScanTracker tracker_;
 
     bool started_ = false;

@@ -33,6 +33,12 @@ struct WallSegment {
     std::int16_t seen = 0;
 };
 
+/// Walls of a layer that is not in use: those of the particle that was best when it was left. Frame Map.
+struct StoredWalls {
+    std::int32_t count = 0;
+    std::array<Landmark, kMaxLandmarks> landmarks{};
+};
+
 class WallFilter {
 public:
     struct Counters {
@@ -67,6 +73,10 @@ public:
     /// In place of update(): the match alone moves the pose; walls are learnt by one particle, whose copies the others become when
     /// update() is called again.
     const Result& follow(const WallObservations& walls, const ScanFit& fit, const LevelScan& scan);
+
+    /// Puts the walls of the best particle away and gives every particle those of another layer. Poses and their spread stay,
+    /// so that the doubt about the pose is carried over. docs/maths/floors.md.
+    void change_layer(StoredWalls& from, const StoredWalls& to);
 
     [[nodiscard]] Pose2<Map, Body> mean() const { return mean_; }
     /// Covariance of the predicted pose as the proposal uses it, spread of the particles included.

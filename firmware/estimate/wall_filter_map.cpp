@@ -217,4 +217,14 @@ void WallFilter::best_walls(Bounded<WallSegment, kMaxWalls>& out) const {
     }
 }
 
+void WallFilter::change_layer(StoredWalls& from, const StoredWalls& to) {
+    const Particle& best = particles_[best_];
+    from.count = best.count;
+    std::copy_n(best.landmarks.begin(), static_cast<std::size_t>(best.count), from.landmarks.begin());
+    for (std::size_t i = 0; i < count(); ++i) {
+        particles_[i].count = to.count;
+        std::copy_n(to.landmarks.begin(), static_cast<std::size_t>(to.count), particles_[i].landmarks.begin());
+    }
+}
+
 }  // namespace noctule

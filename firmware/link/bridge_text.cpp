@@ -16,6 +16,7 @@ const char* state_text(const std::int32_t state) {
         case MissionState::landed: return "landed";
         case MissionState::aborted: return "aborted";
         case MissionState::paused: return "paused";
+        case MissionState::changing_floor: return "changing floor";
     }
     return "unknown";
 }
@@ -43,6 +44,7 @@ const char* reason_text(const std::int32_t reason) {
         case StateReason::home_unreachable: return "no way home";
         case StateReason::not_ready: return "not ready";
         case StateReason::no_progress: return "nothing new for long";
+        case StateReason::floor_reached: return "floor reached";
     }
     return "unknown";
 }

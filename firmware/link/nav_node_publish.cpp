@@ -24,7 +24,7 @@ void NavNode::publish_maps(const NavOutput& output) {
         if (tile == nullptr) { break; }
         tile_message_.t_us = output.t_us;
         tile_message_.seq = tile_seq_++;
-        tile_message_.floor = tile->floor;
+        tile_message_.floor = output.floor_names[static_cast<std::size_t>(tile->floor)];
         tile_message_.tile_x = tile->tile_x;
         tile_message_.tile_y = tile->tile_y;
         tile_message_.cell_m = navigator_.grid().geometry().cell_m();

@@ -89,12 +89,12 @@ void OccupancyGrid::mark_touched(const CellId id) {
     touched_[static_cast<std::size_t>(touched_page_[slot])][static_cast<std::size_t>((id >> 6) & 63)] |= std::uint64_t{1} << static_cast<unsigned>(id & 63);
 }
 
-std::int32_t OccupancyGrid::tile_slot(const std::int32_t tile_x, const std::int32_t tile_y) const {
-    for (std::size_t at = hash_of(tile_x, tile_y, floor_);; at = (at + 1U) & (kTileDirectory - 1U)) {
+std::int32_t OccupancyGrid::tile_slot(const std::int32_t floor, const std::int32_t tile_x, const std::int32_t tile_y) const {
+    for (std::size_t at = hash_of(tile_x, tile_y, floor);; at = (at + 1U) & (kTileDirectory - 1U)) {
         const std::int32_t slot = directory_[at];
         if (slot < 0) { return -1; }
         const GridTile& t = tiles_[static_cast<std::size_t>(slot)];
-        if (t.tile_x == tile_x && t.tile_y == tile_y && t.floor == floor_) { return slot; }
+        if (t.tile_x == tile_x && t.tile_y == tile_y && t.floor == floor) { return slot; }
     }
 }
 
@@ -423,7 +423,7 @@ const GridTile* OccupancyGrid::take_changed_tile(const std::int64_t t_us) {
         for (std::int32_t k = 0; k < tile_count_; ++k) {
             const std::int32_t slot = (publish_next_ + k) % tile_count_;
             GridTile& t = tiles_[static_cast<std::size_t>(slot)];
-            if (!t.value_changed || t.published_us == t_us) { continue; }
+            if (!t.value_changed || t.published_us == t_us || (published_floors_ >> static_cast<unsigned>(t.floor) & 1U) == 0U) { continue; }
             if (urgent == 1 ? !t.class_changed : t_us - t.published_us < kRepublishUs) { continue; }
             t.class_changed = t.value_changed = false;
             t.published_us = t_us;

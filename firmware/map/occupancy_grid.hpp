@@ -95,7 +95,10 @@ public:
 
     [[nodiscard]] std::int32_t tile_count() const { return tile_count_; }
     [[nodiscard]] const GridTile& tile(const std::int32_t slot) const { return tiles_[static_cast<std::size_t>(slot)]; }
-    [[nodiscard]] std::int32_t tile_slot(std::int32_t tile_x, std::int32_t tile_y) const;  ///< of the active floor; -1: none
+    [[nodiscard]] std::int32_t tile_slot(std::int32_t tile_x, std::int32_t tile_y) const { return tile_slot(floor_, tile_x, tile_y); }  ///< of the active floor; -1: none
+    [[nodiscard]] std::int32_t tile_slot(std::int32_t floor, std::int32_t tile_x, std::int32_t tile_y) const;
+    /// Tiles of a floor whose bit is not set wait until it is (what is not sure to be a floor is not published).
+    void set_published_floors(const std::uint32_t bits) { published_floors_ = bits; }
 
     /// The next tile to publish, or nullptr. Call up to four times a step. Tiles in which a cell changed its class come
     /// first, in turn; those with other changes at most once every two seconds. Every change is published in the end.
@@ -134,6 +137,7 @@ private:
     std::array<std::int16_t, kTileDirectory> directory_{};  ///< open addressing by tile coordinates; -1 empty
     std::int32_t tile_count_ = 0;
     std::int32_t floor_ = 0;
+    std::uint32_t published_floors_ = ~0U;
     std::array<std::array<std::uint64_t, kTileCells>, kMaxTouchedTiles> touched_{};  ///< a bit a cell, row by row
     std::array<std::int16_t, kMaxTiles> touched_page_{};   ///< page of touched_, if touched_scan_ is this sweep
     std::array<std::uint32_t, kMaxTiles> touched_scan_{};

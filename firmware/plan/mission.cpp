@@ -12,15 +12,18 @@ namespace {
 constexpr std::uint32_t bit(const MissionState s) { return 1U << static_cast<unsigned>(s); }
 
 constexpr std::uint32_t kFlying = bit(MissionState::taking_off) | bit(MissionState::looking_around) | bit(MissionState::exploring) |
-                                  bit(MissionState::returning_home) | bit(MissionState::paused);
+                                  bit(MissionState::returning_home) | bit(MissionState::paused) | bit(MissionState::changing_floor);
 constexpr std::uint32_t kStarted = kFlying | bit(MissionState::landing);
-constexpr std::uint32_t kOut = bit(MissionState::looking_around) | bit(MissionState::exploring) | bit(MissionState::paused);
+constexpr std::uint32_t kOut = bit(MissionState::looking_around) | bit(MissionState::exploring) | bit(MissionState::paused) |
+                               bit(MissionState::changing_floor);
 
 constexpr std::int64_t kVehicleStaleUs = 2000000;
 constexpr std::int64_t kSettledUs = 500000;     ///< a height or place must hold this long to count as reached
 constexpr std::int64_t kNoWayUs = 10000000;     ///< no known way home for this long: land where it is
 constexpr float kLearnedM2 = 0.2F;              ///< growth of the known area that counts as progress
+constexpr std::int64_t kLongStepUs = 200000;    ///< a longer silence does not count as time explored
 constexpr float kHeightToleranceM = 0.12F;
+constexpr float kOpeningBelowM = 0.5F;         ///< ground this far under the floor lies beyond an opening
 constexpr float kSlowM_S = 0.15F;
 constexpr float kLookAheadRad = 0.7F;           ///< the turn in place keeps its heading this far ahead
 constexpr float kFastDescentAboveM = 0.6F;      ///< height over the floor above which a landing descends at the climb rate
@@ -43,6 +46,8 @@ struct Mission::Now {
     bool looked = false;
     bool finished = false;
     bool no_progress = false;
+    bool floor_reached = false;
+    bool no_floor_left = false;
     bool timed_out = false;
     bool ready = false;
     Order order = Order::none;
@@ -60,7 +65,7 @@ using S = MissionState;
 using R = StateReason;
 }  // namespace
 
-Mission::Mission(const Parameters& parameters) : p_(parameters), explorer_(parameters), energy_(parameters) {}
+Mission::Mission(const Parameters& parameters) : p_(parameters), explorer_(parameters), floors_(parameters), energy_(parameters) {}
 
 bool Mission::goal(float& x_m, float& y_m) const {
     if (!explorer_.has_goal() || (state_ != S::exploring && state_ != S::returning_home)) { return false; }
@@ -119,6 +124,7 @@ bool Mission::gets_nowhere() const {
 }
 
 void Mission::enter(const MissionState next, const StateReason why, const Pose2<Map, Body>& last_setpoint) {
+    floor_result_ = FloorPlanner::Result::busy;
     if (next == S::paused) { paused_from_ = state_; }
     state_ = next;
     reason_ = why;
@@ -133,12 +139,15 @@ void Mission::enter(const MissionState next, const StateReason why, const Pose2<
 float Mission::height_wanted_m(const Estimate& estimate) const {
     const AltitudeEstimate& a = estimate.altitude;
     const float half_hull_m = 0.5F * p_.hull_height_m;
-    float z_m = a.floor_z_m + p_.cruise_height_m;
+    const float floor_z_m = floors_.floor_z_m(a);
+    float z_m = floor_z_m + p_.cruise_height_m;
     if (std::isfinite(a.ground_z_m)) {
         const float furniture_m = half_hull_m + p_.vertical_clearance_m;
-        if (a.on_stairs) {
+        // Treads that lead down from the floor are seen through an opening: that is not the way down.
+        const bool through_opening = p_.floors_max > 1 && a.ground_z_m < floor_z_m - kOpeningBelowM;
+        if (a.on_stairs && !through_opening) {
             const float tread_m = a.ground_z_m + std::max(furniture_m, p_.stair_height_m);
-            z_m = a.floor_z_m > a.ground_z_m ? tread_m : std::max(z_m, tread_m);  // down to a floor not yet seen: by the treads alone
+            z_m = floor_z_m > a.ground_z_m ? tread_m : std::max(z_m, tread_m);  // down to a floor not yet seen: by the treads alone
         } else {
             z_m = std::max(z_m, a.ground_z_m + furniture_m);
         }
@@ -149,6 +158,7 @@ float Mission::height_wanted_m(const Estimate& estimate) const {
 
 const Target& Mission::advance(const Estimate& estimate, const OccupancyGrid& grid, const VehicleSample& vehicle,
                                const Pose2<Map, Body>& last_setpoint, const std::int64_t t_us) {
+    before_us_ = t_us_;
     t_us_ = t_us;
     const Pose2<Map, Body>& pose = estimate.planar.pose_map_body;
     if (localised_ || estimate.planar.quality >= 0) { explorer_.observe(grid, pose, t_us); }
@@ -171,11 +181,13 @@ const Target& Mission::advance(const Estimate& estimate, const OccupancyGrid& gr
     now.order = pending_;
     now.finished = explorer_.finished();
     now.no_progress = gets_nowhere();
+    now.floor_reached = floor_result_ == FloorPlanner::Result::arrived;
+    now.no_floor_left = floor_result_ == FloorPlanner::Result::nothing;
     now.looked = turned_rad_ >= p_.look_around_rad;
     now.timed_out = airborne_ && lasted(entered_us_, p_.takeoff_time_s);
     const float speed_m_s = std::hypot(estimate.planar.vx_m_s, estimate.planar.vy_m_s);
     const bool high = std::fabs(estimate.altitude.z_m - height_wanted_m(estimate)) < kHeightToleranceM;
-    const bool home = std::hypot(pose.x_m - home_.x_m, pose.y_m - home_.y_m) < p_.home_tolerance_m && speed_m_s < kSlowM_S;
+    const bool home = floors_.on_start_floor() && !floors_.shifting() && std::hypot(pose.x_m - home_.x_m, pose.y_m - home_.y_m) < p_.home_tolerance_m && speed_m_s < kSlowM_S;
     const bool arrived = (state_ == S::taking_off && now.armed && high) || (state_ == S::returning_home && home);
     if (!arrived) {
         arrived_since_us_ = -1;
@@ -185,7 +197,7 @@ const Target& Mission::advance(const Estimate& estimate, const OccupancyGrid& gr
     const bool settled = arrived_since_us_ >= 0 && t_us - arrived_since_us_ >= kSettledUs;
     now.at_height = state_ == S::taking_off && settled;
     now.at_home = state_ == S::returning_home && settled;
-    if (state_ != S::returning_home || explorer_.has_way()) {
+    if (state_ != S::returning_home || explorer_.has_way() || floors_.shifting()) {
         no_way_since_us_ = -1;
     } else if (no_way_since_us_ < 0) {
         no_way_since_us_ = t_us;
@@ -205,13 +217,15 @@ const Target& Mission::advance(const Estimate& estimate, const OccupancyGrid& gr
         {bit(S::landing), [](const Now& n) { return n.on_ground; }, S::landed, R::on_ground},
         {kOut, [](const Now& n) { return n.battery_low; }, S::returning_home, R::battery_low},
         {kOut, [](const Now& n) { return n.order == Order::return_home; }, S::returning_home, R::return_ordered},
-        {bit(S::looking_around) | bit(S::exploring) | bit(S::returning_home), [](const Now& n) { return n.order == Order::pause; }, S::paused, R::pause_ordered},
+        {bit(S::looking_around) | bit(S::exploring) | bit(S::returning_home) | bit(S::changing_floor), [](const Now& n) { return n.order == Order::pause; }, S::paused, R::pause_ordered},
         {bit(S::waiting) | bit(S::landed) | bit(S::aborted), [](const Now& n) { return n.order == Order::start && n.ready; }, S::taking_off, R::start_ordered},
         {bit(S::waiting) | bit(S::landed) | bit(S::aborted), [](const Now& n) { return n.order == Order::start; }, S::waiting, R::not_ready},
         {bit(S::taking_off), [](const Now& n) { return n.at_height; }, S::looking_around, R::height_reached},
         {bit(S::taking_off), [](const Now& n) { return n.timed_out; }, S::landing, R::takeoff_timed_out},
         {bit(S::looking_around), [](const Now& n) { return n.looked; }, S::exploring, R::looked_around},
-        {bit(S::exploring), [](const Now& n) { return n.finished; }, S::returning_home, R::nothing_left},
+        {bit(S::exploring), [](const Now& n) { return n.finished; }, S::changing_floor, R::nothing_left},
+        {bit(S::changing_floor), [](const Now& n) { return n.floor_reached; }, S::looking_around, R::floor_reached},
+        {bit(S::changing_floor), [](const Now& n) { return n.no_floor_left; }, S::returning_home, R::nothing_left},
         {bit(S::exploring), [](const Now& n) { return n.no_progress; }, S::returning_home, R::no_progress},
         {bit(S::returning_home), [](const Now& n) { return n.at_home; }, S::landing, R::at_home},
         {bit(S::returning_home), [](const Now& n) { return n.no_way; }, S::landing, R::home_unreachable},
@@ -240,6 +254,7 @@ const Target& Mission::advance(const Estimate& estimate, const OccupancyGrid& gr
         anchor_.x_m = home_.x_m;
         anchor_.y_m = home_.y_m;
     }
+    if (changed && state_ == S::looking_around && reason_ == R::floor_reached) { explorer_.begin(home_); }
     airborne_ = state_ == S::taking_off && (airborne_ ? now.armed : now.armed && now.offboard);
     if (state_ == S::taking_off && !airborne_) { entered_us_ = t_us; }  // the clock of the climb starts with the climb
     target_.mode = Target::Mode::none;
@@ -276,6 +291,7 @@ void Mission::aim(const Estimate& estimate, const OccupancyGrid& grid, const Pos
         }
         case S::exploring:
         case S::returning_home:
+        case S::changing_floor:
             if (!localised_ || !estimate.altitude.valid) {  // hover where the last setpoint was; watch() counts the time
                 anchor_ = last_setpoint;
                 stand(Target::Mode::hold);
@@ -283,8 +299,15 @@ void Mission::aim(const Estimate& estimate, const OccupancyGrid& grid, const Pos
             }
             target_.mode = Target::Mode::follow;
             if (state_ == S::exploring) {
+                floors_.note_exploring(1e-6F * static_cast<float>(std::clamp<std::int64_t>(t_us_ - before_us_, 0, kLongStepUs)));
                 explorer_.explore(grid, pose, last_setpoint, t_us_, target_);
-            } else {
+            } else if (state_ == S::changing_floor) {
+                floor_result_ = floors_.step(estimate, grid, explorer_, last_setpoint, t_us_, target_);
+                if (floor_result_ == FloorPlanner::Result::nothing) {   // the last step before the way home: stays where it is
+                    anchor_ = last_setpoint;
+                    stand(Target::Mode::follow);
+                }
+            } else if (floors_.go_home(estimate, grid, explorer_, last_setpoint, t_us_, target_) == FloorPlanner::Result::nothing) {
                 explorer_.go_to(grid, pose, last_setpoint, home_.x_m, home_.y_m, t_us_, target_);
             }
             return;

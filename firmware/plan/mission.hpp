@@ -12,6 +12,7 @@
 #include "params.gen.hpp"
 #include "plan/energy.hpp"
 #include "plan/explorer.hpp"
+#include "plan/floors.hpp"
 #include "plan/target.hpp"
 #include "plan/trail.hpp"
 #include "sense/samples.hpp"
@@ -29,6 +30,7 @@ enum class MissionState : std::int32_t {
     landed = 6,
     aborted = 7,
     paused = 8,
+    changing_floor = 9,   ///< looks for another floor and goes there
 };
 
 /// Why the present state was entered. Values travel in nav_t.reason.
@@ -53,6 +55,7 @@ enum class StateReason : std::int32_t {
     frames_disagree = 17,     ///< the autopilot's position and ours differ lastingly
     home_unreachable = 18,    ///< no known way home for a stated time: landing where it is
     not_ready = 19,           ///< a start was ordered and refused
+    floor_reached = 20,       ///< on a floor that was not explored before
     no_progress = 21,         ///< exploring showed nothing new for longer than the known map can explain
 };
 
@@ -78,6 +81,11 @@ public:
     [[nodiscard]] bool want_disarm() const { return state_ == MissionState::landed; }
     [[nodiscard]] bool goal(float& x_m, float& y_m) const;
     [[nodiscard]] const Explorer& explorer() const { return explorer_; }
+    [[nodiscard]] const FloorPlanner& floors() const { return floors_; }
+    /// Every step before step(): what the ranges see over and under the vehicle.
+    void see(const Estimate& estimate, const SensorFrame& frame, const LevelScan& scan, const OccupancyGrid& grid) {
+        floors_.observe(estimate, frame, scan, grid);
+    }
     [[nodiscard]] const Pose2<Map, Body>& home() const { return home_; }
     [[nodiscard]] const Energy& energy() const { return energy_; }
     [[nodiscard]] const Trail& trail() const { return trail_; }
@@ -98,6 +106,8 @@ private:
 
     const Parameters& p_;
     Explorer explorer_;
+    FloorPlanner floors_;
+    FloorPlanner::Result floor_result_ = FloorPlanner::Result::busy;
     Energy energy_;
     Trail trail_;
     float learned_m2_ = 0.0F;          ///< known area when something new was learned last
@@ -112,6 +122,7 @@ private:
     bool ready_ = false;
     bool localised_ = false;
     std::int64_t t_us_ = 0;
+    std::int64_t before_us_ = 0;       ///< of the step before
     std::int64_t entered_us_ = 0;
     std::int64_t good_since_us_ = -1;
     std::int64_t lost_since_us_ = -1;

@@ -17,7 +17,7 @@ from noctule.score import ExploredScore, StartPose
 EXPLORER_COUNTERS = ("goals", "switches", "back_and_forth", "in_vain", "stuck", "passes")   # of noctule-nav's statistics
 
 STATES = ("waiting", "taking off", "looking around", "exploring", "returning home", "landing", "landed", "aborted",
-          "paused")
+          "paused", "changing floor")
 RETURNING, LANDING, LANDED, ABORTED = 4, 5, 6, 7
 REASONS = {5: "return was ordered", 6: "landing was ordered", 7: "abort was ordered", 8: "pause was ordered",
            12: "the pilot or a failsafe took over", 13: "localisation was lost", 14: "height was lost",

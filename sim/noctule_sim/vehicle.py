@@ -17,6 +17,7 @@ from .world import World
 GRAVITY_M_S2 = 9.81
 PHYSICS_STEP_S = 0.002
 FLOOR_FRICTION = 0.8
+SETTLING_STEPS = 500  # before the flight begins
 
 
 @dataclass(frozen=True)
@@ -64,6 +65,11 @@ class Vehicle:
         self.data = mujoco.MjData(self.model)
         s = world.start
         self.data.qpos[:] = (s.x_m, s.y_m, s.z_m + airframe.rest_height_m, math.cos(s.yaw_rad / 2), 0.0, 0.0, math.sin(s.yaw_rad / 2))
+        # At rest on the floor, not just over it: a vehicle that still falls has no weight, and an autopilot that looks then takes any
+        # direction for down.
+        mujoco.mj_step(self.model, self.data, SETTLING_STEPS)
+        self.data.qvel[:] = 0.0
+        self.data.time = 0.0
         mujoco.mj_forward(self.model, self.data)
         self.rotor_speed_rad_s = [0.0, 0.0, 0.0, 0.0]
         self._hull = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_GEOM, "hull")

@@ -14,8 +14,9 @@ using namespace noctule;
 namespace {
 
 /// Height that the mission asks for, in flight, of a vehicle that sees this.
-float height_m(const float floor_m, const float ground_m, const float ceiling_m, const bool on_stairs) {
+float height_m(const float floor_m, const float ground_m, const float ceiling_m, const bool on_stairs, const std::int32_t floors_max = 8) {
     static Parameters p;
+    p.floors_max = floors_max;
     const auto room = std::make_unique<OccupancyGrid>(p);
     const OccupancyGrid& grid = *room;
     const auto mission = std::make_unique<Mission>(p);
@@ -55,8 +56,13 @@ void treads_are_passed_at_half_a_metre_once_the_lower_floor_allows_no_more() {
     TEST_ASSERT_FLOAT_WITHIN(1e-4F, 2.64F, height_m(0.0F, 2.14F, 5.0F, true));
 }
 
-void stairs_down_to_a_floor_not_yet_seen_are_followed_by_their_treads() {
-    TEST_ASSERT_FLOAT_WITHIN(1e-4F, -0.5F, height_m(0.0F, -1.0F, 2.5F, true));
+void stairs_down_to_a_floor_not_yet_seen_are_followed_by_their_treads_where_there_is_one_floor_only() {
+    TEST_ASSERT_FLOAT_WITHIN(1e-4F, -0.5F, height_m(0.0F, -1.0F, 2.5F, true, 1));
+}
+
+void what_is_seen_through_an_opening_does_not_lower_the_vehicle() {
+    TEST_ASSERT_FLOAT_WITHIN(1e-4F, 1.0F, height_m(0.0F, -1.0F, 2.5F, true));    // treads in the opening
+    TEST_ASSERT_FLOAT_WITHIN(1e-4F, 1.0F, height_m(-2.7F, -2.7F, 2.5F, false));  // the floor below, taken for the floor
 }
 
 void low_ceiling_wins() {
@@ -69,7 +75,8 @@ int main() {
     UNITY_BEGIN();
     RUN_TEST(furniture_does_not_lift_the_vehicle_unless_it_must);
     RUN_TEST(treads_are_passed_at_half_a_metre_once_the_lower_floor_allows_no_more);
-    RUN_TEST(stairs_down_to_a_floor_not_yet_seen_are_followed_by_their_treads);
+    RUN_TEST(stairs_down_to_a_floor_not_yet_seen_are_followed_by_their_treads_where_there_is_one_floor_only);
+    RUN_TEST(what_is_seen_through_an_opening_does_not_lower_the_vehicle);
     RUN_TEST(low_ceiling_wins);
     return UNITY_END();
 }
