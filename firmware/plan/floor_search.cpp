@@ -17,6 +17,7 @@ constexpr float kBesideM = 0.45F;
 constexpr float kJudgedM = 1.2F;              ///< round an opening that was judged
 constexpr float kBandM = 0.4F;                ///< of the ground below an opening
 constexpr float kLocalM = 2.5F;               ///< the slab's underside is that beside the opening
+constexpr float kLinkedShare = 0.5F;         ///< of the time for the search where one other floor is known
 constexpr float kRoundCornerM = 4.0F;         ///< way that a place out of the line of sight costs more
 
 struct Spot {
@@ -117,7 +118,11 @@ FloorPlanner::Seed FloorPlanner::find_opening(const OccupancyGrid& grid, const P
 // The nearest place that was not looked at, as long as there is time for the search.
 bool FloorPlanner::next_search(const OccupancyGrid& grid, const Explorer& explorer, const Pose2<Map, Body>& pose) {
     const Floor& floor = floors_[static_cast<std::size_t>(current_)];
-    if (vertical_.size() == 0U || floor.searched_s >= p_.floor_search_share * floor.explored_s || (linked(true) && linked(false))) { return false; }
+    const bool up = linked(true);
+    const bool down = linked(false);
+    const float share = up || down ? kLinkedShare : 1.0F;
+    const float time_s = share * (p_.floor_search_s + p_.floor_search_share * floor.explored_s);
+    if (vertical_.size() == 0U || floor.searched_s >= time_s || (up && down)) { return false; }
     float best = std::numeric_limits<float>::infinity();
     for (std::int32_t slot = 0; slot < grid.tile_count(); ++slot) {
         const GridTile& tile = grid.tile(slot);

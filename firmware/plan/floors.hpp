@@ -66,6 +66,11 @@ public:
     /// A step of exploring lasted so long.
     void note_exploring(const float dt_s) { floors_[static_cast<std::size_t>(current_)].explored_s += dt_s; }
 
+    /// True: with this floor explored there is something for step() to do.
+    [[nodiscard]] bool more(const OccupancyGrid& grid, const Explorer& explorer, const Pose2<Map, Body>& pose) {
+        return p_.floors_max > 1 && (current_ != 0 || find_opening(grid, pose).valid || next_search(grid, explorer, pose));
+    }
+
     /// One step of looking for another floor, and of going there. arrived: on a floor that wants exploring; nothing: no floor is left, and
     /// the vehicle is on the floor of the start.
     Result step(const Estimate& estimate, const OccupancyGrid& grid, Explorer& explorer, const Pose2<Map, Body>& from, std::int64_t t_us, Target& target);

@@ -46,6 +46,7 @@ struct Mission::Now {
     bool looked = false;
     bool finished = false;
     bool no_progress = false;
+    bool more_floors = false;
     bool floor_reached = false;
     bool no_floor_left = false;
     bool timed_out = false;
@@ -181,6 +182,7 @@ const Target& Mission::advance(const Estimate& estimate, const OccupancyGrid& gr
     now.order = pending_;
     now.finished = explorer_.finished();
     now.no_progress = gets_nowhere();
+    now.more_floors = state_ == S::exploring && now.finished && floors_.more(grid, explorer_, pose);
     now.floor_reached = floor_result_ == FloorPlanner::Result::arrived;
     now.no_floor_left = floor_result_ == FloorPlanner::Result::nothing;
     now.looked = turned_rad_ >= p_.look_around_rad;
@@ -223,7 +225,8 @@ const Target& Mission::advance(const Estimate& estimate, const OccupancyGrid& gr
         {bit(S::taking_off), [](const Now& n) { return n.at_height; }, S::looking_around, R::height_reached},
         {bit(S::taking_off), [](const Now& n) { return n.timed_out; }, S::landing, R::takeoff_timed_out},
         {bit(S::looking_around), [](const Now& n) { return n.looked; }, S::exploring, R::looked_around},
-        {bit(S::exploring), [](const Now& n) { return n.finished; }, S::changing_floor, R::nothing_left},
+        {bit(S::exploring), [](const Now& n) { return n.finished && n.more_floors; }, S::changing_floor, R::nothing_left},
+        {bit(S::exploring), [](const Now& n) { return n.finished; }, S::returning_home, R::nothing_left},
         {bit(S::changing_floor), [](const Now& n) { return n.floor_reached; }, S::looking_around, R::floor_reached},
         {bit(S::changing_floor), [](const Now& n) { return n.no_floor_left; }, S::returning_home, R::nothing_left},
         {bit(S::exploring), [](const Now& n) { return n.no_progress; }, S::returning_home, R::no_progress},
