@@ -7,11 +7,14 @@
 #include <cstdint>
 #include <cstdio>
 #include <cstdlib>
+#include <optional>
 
 #include <CLI/CLI.hpp>
 #include <poll.h>
 #include <sys/resource.h>
 
+#include "app/atlas_contents.hpp"
+#include "app/atlas_writer.hpp"
 #include "app/parameter_file.hpp"
 #include "app/realtime.hpp"
 #include "app/signals.hpp"
@@ -145,10 +148,12 @@ int main(int argc, char** argv) {
     std::string url = "udpm://239.255.76.67:7667?ttl=0&recv_buf_size=2097152";
     std::string store_path;
     std::string stats_path;
+    std::string atlas_path;
     options.add_option("--parameters", parameter_path, "TOML file with `name = value` lines; defaults hold for what is not named");
     options.add_option("--store", store_path, "what ground stations changed, as noctule-bridge --store writes it; read after --parameters where it exists");
     options.add_option("--lcm-url", url, "LCM bus of the flight")->capture_default_str();
     options.add_option("--stats", stats_path, "write step times and memory to this JSON file at the end");
+    options.add_option("--atlas", atlas_path, "write the atlas (docs/atlas.md) to this file while flying");
     noctule::RealtimeOptions realtime;
     noctule::add_realtime_options(options, realtime);
     CLI11_PARSE(options, argc, argv);
@@ -170,6 +175,16 @@ int main(int argc, char** argv) {
     noctule::install_stop_signals();
 
     static NavNode node(parameters, publish, &process, monotonic_ns);
+    static noctule::PosixDisk disk;
+    static noctule::AtlasContents contents;
+    std::optional<noctule::AtlasWriter> atlas;
+    if (!atlas_path.empty()) { atlas.emplace(disk, atlas_path, noctule::kMaxAtlasBytes); }
+    const auto write_down = [&atlas] {
+        const std::int64_t t_us = node.newest_t_us();
+        if (!atlas || t_us <= 0 || !atlas->wants(t_us)) { return; }
+        noctule::fill_atlas(node.navigator(), t_us, contents);
+        atlas->give(noctule::encode_atlas(contents, node.navigator().grid(), atlas->buffer()), t_us);
+    };
     auto on_message = [](const char* channel, const std::uint8_t* bytes, const std::size_t size) {
         process.last_heard_ns = monotonic_ns();
         const bool waited = node.scan_waiting();
@@ -207,11 +222,13 @@ int main(int argc, char** argv) {
         if (heap_at_first_step < 0 && process.step_times.count() > 0 && noctule_heap_allocations != nullptr) {
             heap_at_first_step = noctule_heap_allocations();
         }
+        write_down();
         complain_when_silent(now_ns, next_complaint_ns);
         report_overruns(now_ns, node.scans_replaced());
         watchdog.alive(now_ns / 1000);
     }
     watchdog.stopping();
+    if (atlas && atlas->failed() > 0U) { std::fprintf(stderr, "noctule-nav: the atlas could not be written %llu times\n", static_cast<unsigned long long>(atlas->failed())); }
     const std::int64_t heap_after_start = heap_at_first_step < 0 ? -1 : noctule_heap_allocations() - heap_at_first_step;
     if (!stats_path.empty()) { write_stats(stats_path.c_str(), heap_after_start, node); }
     return 0;

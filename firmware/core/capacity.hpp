@@ -46,6 +46,8 @@ inline constexpr std::size_t kMaxDirtyBlocks = 49152;    ///< blocks of 8 x 8 ce
 inline constexpr std::size_t kMaxVerticalCells = 32768;  ///< places in which something over or under was seen, a power of two; at 7/8 of it a new one is refused
 inline constexpr std::size_t kMaxOpenings = 64;          ///< openings judged (taken, refused, without a floor behind); the oldest that was refused gives way
 inline constexpr std::size_t kMaxElevationBins = 512;    ///< bins of 5 cm in the distribution of elevations; what lies beyond is left out
+inline constexpr std::size_t kMaxAtlasObjects = 128;     ///< objects in the atlas; more are left out
+inline constexpr std::size_t kMaxAtlasBytes = 4194304;   ///< encoded atlas: every tile of the pool and the rest
 
 // Planar estimation.
 inline constexpr std::size_t kMaxMotionNodes = kMaxImuPerStep + 8;  ///< poses of one sweep; the newest are refused

@@ -70,6 +70,8 @@ public:
     [[nodiscard]] bool step_with(const Consumed& consumed);
 
     [[nodiscard]] const Navigator& navigator() const { return navigator_; }
+    /// Stamp of the newest scan that was stepped; 0 before the first.
+    [[nodiscard]] std::int64_t newest_t_us() const { return frame_.scan.t_us; }
     [[nodiscard]] std::uint32_t refused() const { return refused_; }
     [[nodiscard]] std::uint32_t scans_replaced() const { return scans_replaced_; }
 

@@ -8,7 +8,10 @@ namespace noctule {
 namespace {
 
 constexpr float kVerticalCellM = 0.10F;
-constexpr float kTiltMostRad = 0.30F;         ///< a range taken at more tilt says nothing of a place
+constexpr float kTiltMostRad = 0.15F;         ///< a range taken at more tilt says nothing of a place
+constexpr float kCeilingOverM = 1.5F;          ///< a ceiling beside an opening lies about this far over the vehicle
+constexpr float kStallS = 3.0F;               ///< without coming nearer to the height wanted: back
+constexpr float kStallM = 0.05F;
 constexpr float kCoverStepM = 0.25F;
 constexpr float kBelowSlabM = 0.12F;          ///< the laser is in the shaft from here under the slab
 constexpr float kAboveSlabM = 0.15F;          ///< to here over it
@@ -67,7 +70,10 @@ void FloorPlanner::see(const RangeSample& sample, const VerticalSide side, const
     const float cp = std::cos(estimate.pitch_rad);
     const float sp = std::sin(estimate.pitch_rad);
     if (!(std::acos(std::clamp(cr * cp, -1.0F, 1.0F)) < kTiltMostRad)) { return; }
-    const Point2<Map> place = estimate.planar.pose_map_body * Point2<Body>{along_m * cr * sp, -along_m * sr};
+    // What lies beyond an opening is noted where the beam went through the opening, not where it ended: at 6 degrees of tilt a ceiling
+    // 4 m up is met 0.4 m aside.
+    const float place_m = sign * std::min(std::fabs(along_m), side == VerticalSide::over ? kCeilingOverM : p_.cruise_height_m);
+    const Point2<Map> place = estimate.planar.pose_map_body * Point2<Body>{place_m * cr * sp, -place_m * sr};
     vertical_.add(static_cast<std::int8_t>(current_), side, place.x_m, place.y_m, estimate.altitude.z_m + along_m * cr * cp);
 }
 
@@ -351,13 +357,15 @@ bool FloorPlanner::begin_shift(const Estimate& estimate) {
     }
     start_z_m_ = estimate.altitude.z_m;
     turned_back_ = false;
+    least_left_m_ = 1e9F;
     return true;
 }
 
 void FloorPlanner::turn_back() {
     turned_back_ = true;
     shift_z_m_ = start_z_m_;
-    since_us_ = t_us_;
+    since_us_ = looked_us_ = t_us_;
+    least_left_m_ = 1e9F;
     stood_us_ = -1;
     if (new_floor_) {
         floors_[static_cast<std::size_t>(to_)].empty = true;
@@ -373,11 +381,15 @@ bool FloorPlanner::shift(const Estimate& estimate, Target& target) {
     const Passage& passage = passages_[static_cast<std::size_t>(passage_)];
     const float left_m = shift_z_m_ - a.z_m;
     const float half_m = 0.5F * p_.hull_height_m + p_.vertical_clearance_m;
+    if (std::fabs(left_m) < least_left_m_ - kStallM || std::fabs(left_m) < kArrivedM) {
+        least_left_m_ = std::fabs(left_m);
+        looked_us_ = t_us_;
+    }
     if (!turned_back_) {
         const bool sides = nearest_side_m_ < p_.hull_radius_m + kTurnBackM;
         const bool over = left_m > 0.2F && std::isfinite(a.ceiling_z_m) && a.ceiling_z_m < std::min(shift_z_m_, a.z_m + 0.5F) + half_m;
         const bool under = left_m < -0.2F && std::isfinite(a.ground_z_m) && a.ground_z_m > std::max(shift_z_m_, a.z_m - 0.5F) - half_m;
-        if (sides || over || under || lasted(since_us_, kShiftTimeS)) { turn_back(); }
+        if (sides || over || under || lasted(since_us_, kShiftTimeS) || lasted(looked_us_, kStallS)) { turn_back(); }
     }
     target.path.clear();
     static_cast<void>(target.path.push({passage.x_m, passage.y_m, 0.8F}));

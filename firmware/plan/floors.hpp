@@ -149,6 +149,7 @@ private:
     std::int8_t to_ = -1;         ///< layer at the far end
     float shift_z_m_ = 0.0F;      ///< height to reach
     float start_z_m_ = 0.0F;
+    float least_left_m_ = 1e9F;   ///< nearest to the height wanted so far
     bool turned_back_ = false;
     bool new_floor_ = false;      ///< the far end was never explored
     std::int64_t since_us_ = -1;  ///< of the present task

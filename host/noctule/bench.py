@@ -170,6 +170,7 @@ BENCHES["localisation"] = lambda quick, fresh: importlib.import_module("noctule.
 BENCHES["motion"] = lambda quick, fresh: importlib.import_module("noctule.bench_motion").bench_motion(quick, fresh)
 BENCHES["exploration"] = lambda quick, fresh: importlib.import_module("noctule.bench_exploration").bench_exploration(quick, fresh)
 BENCHES["instructions"] = lambda quick, fresh: importlib.import_module("noctule.bench_instructions").bench_instructions(quick, fresh)
+BENCHES["floors"] = lambda quick, fresh: importlib.import_module("noctule.bench_floors").bench_floors(quick, fresh)
 BENCHES["vision"] = lambda quick, fresh: importlib.import_module("noctule.bench_vision").bench_vision(quick, fresh)
 
 

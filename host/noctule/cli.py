@@ -169,7 +169,7 @@ def parser() -> argparse.ArgumentParser:
     bench = commands.add_parser("bench", help="measure and print a table",
                                 description="Measures and prints one row a metric: value, unit, reference, must, aim. "
                                             "What has been measured is kept under runs/bench and not measured again.")
-    bench.add_argument("name", metavar="NAME", help="which bench: flight, altitude, localisation, exploration, instructions, motion")
+    bench.add_argument("name", metavar="NAME", help="which bench: flight, altitude, localisation, exploration, instructions, motion, floors, vision")
     bench.add_argument("--json", type=Path, metavar="FILE", help="write the rows to this file, too")
     bench.add_argument("--quick", action="store_true", help="fewer seeds; ends in 15 minutes")
     bench.add_argument("--fresh", action="store_true", help="measure everything again")
@@ -217,6 +217,11 @@ def parser() -> argparse.ArgumentParser:
                                               "process memory, dates, paths) is left out. Exit code 0: equal, 1: not.")
     compare.add_argument("first", type=Path, metavar="RUN_A")
     compare.add_argument("second", type=Path, metavar="RUN_B")
+
+    atlas = commands.add_parser("atlas", help="what is in an atlas", description="Prints what an atlas holds (docs/atlas.md): floors, walls, levels, "
+                                                                              "passages, refused openings, objects.")
+    atlas.add_argument("file", type=Path, metavar="FILE")
+    atlas.add_argument("--picture", type=Path, metavar="PNG", help="draw the floor plans and the building")
     return top
 
 
@@ -327,11 +332,24 @@ def _compare(options) -> int:
     return 1 if lines else 0
 
 
+def _atlas(options) -> int:
+    from noctule import atlas
+
+    try:
+        building = atlas.read(options.file)
+    except atlas.AtlasError as error:
+        raise InputError(str(error)) from None
+    print(atlas.summary(building))
+    if options.picture is not None:
+        options.picture.write_bytes(atlas.picture(building))
+    return 0
+
+
 def main(arguments=None) -> int:
     """Runs the command; returns its exit code."""
     options = parser().parse_args(arguments)
     action = {"fly": _fly, "worlds": _worlds, "bench": _bench, "replay": _replay, "report": _report, "export": _export, "campaign": _campaign,
-              "compare": _compare, "objects": _objects}[options.command]
+              "compare": _compare, "objects": _objects, "atlas": _atlas}[options.command]
     try:
         return action(options)
     except InputError as error:
