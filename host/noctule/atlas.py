@@ -116,6 +116,16 @@ def _section(atlas: Atlas, kind: int, floor: int, count: int, body: bytes) -> No
     # Others come from a later minor change: passed over.
 
 
+def of_record(tiles, elevations_m: list[float]) -> Atlas:
+    """An atlas of what a flight log holds: its tiles (record.Tile, the last of a place counts) and the elevation of each floor."""
+    building = Atlas(0, 0, {n: AtlasFloor(z) for n, z in enumerate(elevations_m)}, np.zeros((0, 8)), [], [], [])
+    for tile in tiles:
+        if tile.floor in building.floors:
+            building.floors[tile.floor].cell_m = tile.cell_m
+            building.floors[tile.floor].tiles[tile.tile_x, tile.tile_y] = np.asarray(tile.log_odds, np.int8).reshape(TILE_CELLS, TILE_CELLS)
+    return building
+
+
 def read(path) -> Atlas:
     """The atlas of a file.
 

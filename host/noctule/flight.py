@@ -281,7 +281,7 @@ class Flight:
         self._start_child("noctule-bridge", [programs["noctule-bridge"], *bridge])
         counter = build_folder() / "lib" / "libnoctule_heap_count.so"
         self._start_child("noctule-nav", [programs["noctule-nav"], "--parameters", parameters, "--lcm-url", url,
-                                          "--stats", self.folder / "log" / "nav-stats.json"],
+                                          "--stats", self.folder / "log" / "nav-stats.json", "--atlas", self.folder / "atlas"],
                           {"LD_PRELOAD": str(counter)} if counter.is_file() else None)
         if camera:
             from noctule_sim.camera import write_calibration

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from noctule import draw, map_score, objects, record, score
+from noctule import atlas, draw, map_score, objects, record, score
 from noctule.score import ExploredScore, StartPose
 
 EXPLORER_COUNTERS = ("goals", "switches", "back_and_forth", "in_vain", "stuck", "passes")   # of noctule-nav's statistics
@@ -359,5 +359,10 @@ def write(folder) -> dict:
     thin = series[::max(1, len(series) // 1500)] + series[-1:]
     levels = [row["elevation_m"] for row in report["levels"]]
     page = html_page(report, picture, draw.series_svg(errors, run.flight.nav, run.truth, run.start, levels, thin))
+    if len(report["floors"]) > 1:
+        building = atlas.picture(atlas.of_record(run.flight.tiles, [f["elevation_m"] or 0.0 for f in report["floors"]]))
+        (run.folder / "building.png").write_bytes(building)
+        shown = base64.b64encode(building).decode()
+        page = page.replace("</body>", f'<h2>The building</h2>\n<img alt="floor plans and the building" src="data:image/png;base64,{shown}">\n</body>', 1)
     (run.folder / "report.html").write_text(page, encoding="utf-8")
     return report
