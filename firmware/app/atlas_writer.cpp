@@ -11,7 +11,7 @@ namespace noctule {
 
 namespace {
 
-constexpr std::size_t kPieceBytes = 65536;
+constexpr std::size_t kPieceBytes = 16384;
 
 }  // namespace
 
