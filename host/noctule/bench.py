@@ -172,6 +172,7 @@ BENCHES["exploration"] = lambda quick, fresh: importlib.import_module("noctule.b
 BENCHES["instructions"] = lambda quick, fresh: importlib.import_module("noctule.bench_instructions").bench_instructions(quick, fresh)
 BENCHES["floors"] = lambda quick, fresh: importlib.import_module("noctule.bench_floors").bench_floors(quick, fresh)
 BENCHES["vision"] = lambda quick, fresh: importlib.import_module("noctule.bench_vision").bench_vision(quick, fresh)
+BENCHES["link"] = lambda quick, fresh: importlib.import_module("noctule.bench_link").bench_link(quick, fresh)
 
 
 def run(name: str, quick: bool = False, fresh: bool = False) -> list[dict]:

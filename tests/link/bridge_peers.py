@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import random
 import select
@@ -202,7 +203,7 @@ class Peers:
         if ms % 200 == 0:
             self._autopilot_says(mavlink.MAVLink_extended_sys_state_message(0, self.landed))
         self._autopilot_says(
-            mavlink.MAVLink_attitude_quaternion_message(ms, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+            mavlink.MAVLink_attitude_quaternion_message(ms, math.cos(0.5 * self.odom.yaw_rad), 0.0, 0.0, -math.sin(0.5 * self.odom.yaw_rad), 0.0, 0.0, 0.0),
             mavlink.MAVLink_local_position_ned_message(ms, self.odom.x_m, -self.odom.y_m, -self.odom.z_m, 0.0, 0.0, 0.0),
             mavlink.MAVLink_distance_sensor_message(ms, 10, 1200, 100, 0, 1, 25, 255),
             *(mavlink.MAVLink_highres_imu_message(self.t_us - TICK_US + 4000 * (i + 1) if i < 11 else self.t_us, 0.0, 0.0, -9.81, 0.0, 0.0, 0.0,
