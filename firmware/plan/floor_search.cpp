@@ -40,7 +40,8 @@ bool FloorPlanner::linked(const bool up) const {
 // Near a judged opening, or in the part of a high room that was flown through without finding a floor.
 bool FloorPlanner::was_judged(const OccupancyGrid& grid, const bool up, const float x_m, const float y_m) const {
     for (const Judged& j : judged_) {
-        if (j.floor == current_ && j.up == up && std::hypot(j.x_m - x_m, j.y_m - y_m) < kJudgedM) { return true; }
+        if (j.floor != current_ || j.up != up) { continue; }
+        if (std::hypot(j.x_m - x_m, j.y_m - y_m) < kJudgedM || std::hypot(j.seen_x_m - x_m, j.seen_y_m - y_m) < kJudgedM) { return true; }
     }
     const Cell c = grid.geometry().cell(x_m, y_m);
     for (std::size_t i = 0; i < floors_.size(); ++i) {
@@ -62,7 +63,7 @@ FloorPlanner::Seed FloorPlanner::find_opening(const OccupancyGrid& grid, const P
 FloorPlanner::Seed FloorPlanner::find_opening(const OccupancyGrid& grid, const Pose2<Map, Body>& pose, const bool up) const {
     Seed seed;
     seed.up = up;
-    if (linked(up)) { return seed; }
+    if (linked(up) || floors_.size() >= std::min(kFloorSlots, static_cast<std::size_t>(p_.floors_max))) { return seed; }   // no room for one more
     const float elevation_m = floors_[static_cast<std::size_t>(current_)].elevation_m;
     const VerticalSide side = up ? VerticalSide::over : VerticalSide::under;
     const auto of_this = [&](const VerticalCell& v) { return v.floor == current_ && v.side == side; };
@@ -96,8 +97,8 @@ FloorPlanner::Seed FloorPlanner::find_opening(const OccupancyGrid& grid, const P
         if (beside <= kLeastBeside || was_judged(grid, up, s.x_m, s.y_m)) { continue; }
         best = way;
         seed.valid = true;
-        seed.x_m = s.x_m;
-        seed.y_m = s.y_m;
+        seed.x_m = seed.seen_x_m = s.x_m;
+        seed.y_m = seed.seen_y_m = s.y_m;
     }
     if (seed.valid && up) {
         float sum_m = 0.0F;

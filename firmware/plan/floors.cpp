@@ -172,7 +172,7 @@ void FloorPlanner::leave_by(const std::int8_t passage) {
 
 void FloorPlanner::refuse(const Refusal why) {
     if (judged_.full()) { judged_.drop_front(1); }
-    static_cast<void>(judged_.push({static_cast<std::int8_t>(current_), seed_.x_m, seed_.y_m, seed_.up, why}));
+    static_cast<void>(judged_.push({static_cast<std::int8_t>(current_), seed_.x_m, seed_.y_m, seed_.up, why, seed_.seen_x_m, seed_.seen_y_m}));
     doing_ = Doing::idle;
 }
 
@@ -182,7 +182,7 @@ void FloorPlanner::decide(const OccupancyGrid& grid, const Explorer& explorer, c
         floor.empty = true;
         const Passage& entry = passages_[static_cast<std::size_t>(floor.entry)];
         if (judged_.full()) { judged_.drop_front(1); }
-        static_cast<void>(judged_.push({floor.parent, entry.x_m, entry.y_m, entry.high == current_, Refusal::no_floor_behind}));
+        static_cast<void>(judged_.push({floor.parent, entry.x_m, entry.y_m, entry.high == current_, Refusal::no_floor_behind, floor.seen_x_m, floor.seen_y_m}));
         leave_by(floor.entry);
         return;
     }
@@ -345,6 +345,8 @@ bool FloorPlanner::begin_shift(const Estimate& estimate) {
         floor.elevation_m = elevation_m;
         floor.entry = passage_;
         floor.parent = here;
+        floor.seen_x_m = seed_.seen_x_m;
+        floor.seen_y_m = seed_.seen_y_m;
         static_cast<void>(floors_.push(floor));
         static_cast<void>(passages_.push(seed_.up ? Passage{here, to_, seed_.x_m, seed_.y_m, seed_.slab_m, seed_.slab_m + kSlabM}
                                                   : Passage{to_, here, seed_.x_m, seed_.y_m, seed_.slab_m - kSlabM, seed_.slab_m}));
@@ -371,7 +373,7 @@ void FloorPlanner::turn_back() {
         floors_[static_cast<std::size_t>(to_)].empty = true;
         if (judged_.full()) { judged_.drop_front(1); }
         const std::int8_t parent = floors_[static_cast<std::size_t>(to_)].parent;
-        static_cast<void>(judged_.push({parent, seed_.x_m, seed_.y_m, seed_.up, Refusal::clearance_gone}));
+        static_cast<void>(judged_.push({parent, seed_.x_m, seed_.y_m, seed_.up, Refusal::clearance_gone, seed_.seen_x_m, seed_.seen_y_m}));
     }
 }
 

@@ -39,6 +39,8 @@ struct Floor {
     bool empty = false;          ///< nothing to stand over was found there: not a floor
     std::int8_t entry = -1;      ///< passage by which it was first entered; -1: the start's
     std::int8_t parent = -1;     ///< layer at the other end of it
+    float seen_x_m = 0.0F;       ///< place beyond by which that opening was found
+    float seen_y_m = 0.0F;
     float explored_s = 0.0F;     ///< time that its exploration took
     float searched_s = 0.0F;     ///< time spent in search of openings
 };
@@ -55,6 +57,8 @@ public:
         float y_m = 0.0F;
         bool up = true;
         Refusal why = Refusal::none;
+        float seen_x_m = 0.0F;   ///< place beyond by which it was found: in a high room that can be far from the place chosen to go through
+        float seen_y_m = 0.0F;
     };
     static constexpr std::int32_t kShaft = kMaxFloors;   ///< layer() between two floors
 
@@ -102,6 +106,8 @@ private:
         bool up = true;
         float x_m = 0.0F;
         float y_m = 0.0F;
+        float seen_x_m = 0.0F;   ///< place beyond by which it was found; x_m, y_m move on to the place to go through
+        float seen_y_m = 0.0F;
         BeyondBand beyond;
         float slab_m = 0.0F;   ///< underside (up) or top (down) of the slab with the opening
         float far_m = 0.0F;    ///< elevation seen beyond
