@@ -19,12 +19,13 @@ constexpr float kUnlike = 0.35F;            // colours with less in common belon
 constexpr float kAlike = 0.60F;
 constexpr std::int32_t kVerified = 8;       // matches that one similarity explains
 constexpr std::int32_t kReunited = 10;
-constexpr std::int32_t kConfirmSightings = 4;
+constexpr std::int32_t kConfirmSightings = 7;
 constexpr double kConfirmWhole = 2.0;      // good sightings: whole, with a range of its own
 constexpr std::int64_t kConfirmAge_us = 600000;
 constexpr double kConfirmSigma_m = 0.35;
 constexpr std::int64_t kForget_us = 30000000;   // a candidate that was not seen for so long goes
 constexpr double kWidthLeast_m = 0.12;
+constexpr double kPatch = 0.5;              // a region narrower than this share of the object is a patch of it
 constexpr double kWidthMost_m = 2.5;
 constexpr double kOutlier_sigma = 3.0;
 constexpr float kRatio = 0.85F;
@@ -212,15 +213,18 @@ void ObjectMemory::fuse(KnownObject& object, const Observation& observation) {
         sector.y += one.y;
         sector.count += 1.0;
         const double near = 1.0 / (p.distance_m * p.distance_m);
-        if (p.tall) { mean_into(object.height_m, object.height_weight, p.height_m, near); }
-        mean_into(object.width_m, object.width_weight, p.width_m, near);
+        // A patch of the surface, seen from close by, says nothing of the size of the whole.
+        const bool patch = object.width_weight > 0.0 && p.width_m < kPatch * object.width_m;
+        if (p.tall && !patch) { mean_into(object.height_m, object.height_weight, p.height_m, near); }
+        if (!patch) { mean_into(object.width_m, object.width_weight, p.width_m, near); }
         mean_into(object.z_m, object.z_weight, p.z_m, p.tall ? near : 0.1 * near);
         if (object.height_weight <= 0.0) { object.height_m = std::max(object.height_m, p.height_m); }
         solve(object);
     }
     keep_view(object, observation);
     if (!object.confirmed && object.sightings >= kConfirmSightings && object.strong >= kConfirmWhole &&
-        object.last_seen_us - object.first_seen_us >= kConfirmAge_us && object.sigma_m() < kConfirmSigma_m) {
+        object.last_seen_us - object.first_seen_us >= kConfirmAge_us && object.sigma_m() < kConfirmSigma_m &&
+        std::max(object.width_m, object.height_m) >= kWidthLeast_m) {
         object.confirmed = true;
     }
 }
