@@ -25,6 +25,7 @@ Estimate moving(const std::int64_t t_us) {
     e.altitude.z_m = 1.2F;
     e.altitude.vz_m_s = 0.1F;
     e.altitude.z_var_m2 = 1e-4F;
+    e.altitude.valid = true;
     return e;
 }
 
@@ -81,6 +82,17 @@ void turns_with_the_gyro_and_tilts_with_the_attitude() {
     TEST_ASSERT_EQUAL_FLOAT(0.1F, o.roll_rad);
 }
 
+void claims_nothing_without_a_height() {
+    Parameters parameters;
+    OutputPredictor predictor{parameters};
+    Estimate e = moving(1000000);
+    e.altitude.valid = false;
+    predictor.correct(e);
+    Odometry o;
+    TEST_ASSERT_TRUE(predictor.odometry(1000000, o));
+    TEST_ASSERT_EQUAL_INT32(-1, o.quality);
+}
+
 void claims_nothing_when_scans_stop() {
     OutputPredictor predictor(kDefaults);
     predictor.correct(moving(1000000));
@@ -118,6 +130,7 @@ int main() {
     RUN_TEST(is_the_estimate_itself_at_the_scan);
     RUN_TEST(carries_the_estimate_with_the_inertial_data);
     RUN_TEST(turns_with_the_gyro_and_tilts_with_the_attitude);
+    RUN_TEST(claims_nothing_without_a_height);
     RUN_TEST(claims_nothing_when_scans_stop);
     RUN_TEST(refuses_bad_samples_and_old_estimates);
     return UNITY_END();
