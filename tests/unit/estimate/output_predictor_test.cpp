@@ -83,8 +83,7 @@ void turns_with_the_gyro_and_tilts_with_the_attitude() {
 }
 
 void claims_nothing_without_a_height() {
-    Parameters parameters;
-    OutputPredictor predictor{parameters};
+    OutputPredictor predictor(kDefaults);
     Estimate e = moving(1000000);
     e.altitude.valid = false;
     predictor.correct(e);
