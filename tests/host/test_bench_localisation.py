@@ -112,9 +112,9 @@ def test_the_band_is_chi_squares():
 
 
 @needs_library
-def test_the_firmware_flies_a_short_flight():
+def test_the_firmware_flies_at_the_vehicles_speed():
     plan = planar_scenes.rooms()
-    motion = Motion(plan, 12.0)
+    motion = Motion(plan, bench_localisation.PAPER_S)
     (flights,) = bench_localisation.fly(plan, motion, range(1, 3), planar_profile.profile())
     for e in flights:
         assert 1e-5 < e.position_m.mean() < 0.01 and e.lost == 0 and e.counters["refused_samples"] == 0
