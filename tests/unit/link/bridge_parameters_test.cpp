@@ -158,7 +158,10 @@ static void two_lists_at_once_cost_neither_a_row() {
     std::array<int, kParameterTable.size()> seen_by_second{};
     for (std::size_t i = begin; i < s.out.ground.size(); ++i) {
         const mavlink_message_t& m = s.out.ground[i];
-        if (m.msgid == MAVLINK_MSG_ID_PARAM_VALUE && m.compid == MAV_COMP_ID_ONBOARD_COMPUTER) { ++seen_by_second[mavlink_msg_param_value_get_param_index(&m)]; }
+        if (m.msgid != MAVLINK_MSG_ID_PARAM_VALUE || m.compid != MAV_COMP_ID_ONBOARD_COMPUTER) { continue; }
+        mavlink_param_value_t value{};
+        mavlink_msg_param_value_decode(&m, &value);
+        ++seen_by_second[value.param_index];
     }
     for (const int seen : seen_by_second) { TEST_ASSERT_EQUAL_INT(1, seen); }
 }
