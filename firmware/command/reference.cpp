@@ -11,11 +11,11 @@ namespace noctule {
 namespace {
 
 constexpr float kMaxGapS = 0.2F;
-constexpr float kBrakeShare = 0.4F;      ///< of the acceleration limit that the speed profile counts on; the rest is for jerk and curves
-constexpr float kOpenBrakeShare = 0.6F;  ///< where there is room for the vehicle to swing past the end
+constexpr float kBrakeShare = 0.28F;     ///< of the acceleration limit that the speed profile counts on; the rest is for jerk and curves
+constexpr float kOpenBrakeShare = 0.5F;  ///< where there is room for the vehicle to swing past the end
 constexpr float kOpenM = 0.75F;          ///< clearance that counts as room
-constexpr float kCurveShare = 0.3F;       ///< of the acceleration limit in curves: a vehicle with a lag swings out in proportion to it
-constexpr float kGentleShare = 0.25F;     ///< of the acceleration limit in the narrowest place
+constexpr float kCurveShare = 0.21F;      ///< of the acceleration limit in curves: a vehicle with a lag swings out in proportion to it
+constexpr float kGentleShare = 0.18F;    ///< of the acceleration limit in the narrowest place
 constexpr float kRoomAheadM = 1.0F;       ///< of the path over which narrow places are looked for
 constexpr float kVelocityTimeS = 0.2F;   ///< in which the velocity wanted is reached, limits permitting
 constexpr float kAheadM = 0.12F;         ///< least distance at which the path is aimed at

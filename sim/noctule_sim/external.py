@@ -137,7 +137,7 @@ def json_state(t_us: int, force_m_s2, rate_rad_s, position_m, attitude, velocity
         home_m: (3,) where the vehicle stood at first, frame World.
 
     >>> json_state(1250, (0, 0, 9.81), (0, 0, 0), (1, 2, 3), (1, 0, 0, 0), (0, 0, 0), (0, 0, 3))[:46]
-    b'\\n{"timestamp":0.00125,"imu":{"gyro":[0, 0, 0],"'
+    b'\\n{"timestamp":0.00125,"imu":{"gyro":[0, 0, 0],'
     """
     def row(values) -> str:
         return "[" + ", ".join(f"{v:.9g}" for v in values) + "]"

@@ -122,8 +122,8 @@ void it_is_slow_where_it_is_narrow() {
         s = r.step(at(s), along(s.x_m, s.y_m, 5.0F, 0.0F, 0.45F), 50000LL * k);
         fastest = std::max(fastest, s.vx_m_s);
     }
-    // Straight line between speed_near at 0.33 m and 1 m/s at 0.70 m.
-    const float limit = p.speed_near_m_s + (p.speed_max_m_s - p.speed_near_m_s) * (0.45F - 0.33F) / (0.70F - 0.33F);
+    // Straight line between speed_near at the narrowest and the full speed at the comfortable clearance.
+    const float limit = p.speed_near_m_s + (p.speed_max_m_s - p.speed_near_m_s) * (0.45F - 0.33F) / (p.comfort_clearance_m - 0.33F);
     TEST_ASSERT_TRUE(fastest < limit + 0.02F);
     TEST_ASSERT_TRUE(fastest > limit - 0.05F);
 }
