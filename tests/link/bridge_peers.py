@@ -224,7 +224,7 @@ class Peers:
         self._obey(looked_at)
 
     def _wait(self, done) -> bool:
-        deadline = time.monotonic() + 0.05
+        deadline = time.monotonic() + 0.25
         while not done():
             left = deadline - time.monotonic()
             if left <= 0.0:

@@ -183,9 +183,10 @@ class Ftp:
         _, session, opcode, _, _, _, data = self.call(4, data=path.encode())
         assert opcode == 128
         total, got = struct.unpack("<I", data)[0], {}
+        before = len(list(self.answers()))            # what an earlier read of this session number brought is not of this file
         self.ask(15, session=session, size=239)
-        self.peers.run(4.0, lambda: any(a[3] == 15 and a[4] for a in self.answers()))
-        for _, number, opcode, asked, _, offset, part in self.answers():
+        self.peers.run(4.0, lambda: any(a[3] == 15 and a[4] for a in list(self.answers())[before:]))
+        for _, number, opcode, asked, _, offset, part in list(self.answers())[before:]:
             if asked == 15 and opcode == 128 and number == session:
                 got[offset] = part
         for offset in range(0, total, 239):
