@@ -5,10 +5,11 @@ foreach(part core imgproc features2d)
 endforeach()
 find_path(OPENCV_INCLUDE opencv2/core.hpp PATH_SUFFIXES opencv4 REQUIRED)
 find_package(SQLite3 REQUIRED)
+find_package(Eigen3 3.4 REQUIRED NO_MODULE)
 
 add_library(noctule_recognise STATIC ${recognise_sources})
 target_include_directories(noctule_recognise SYSTEM PUBLIC ${OPENCV_INCLUDE})
-target_link_libraries(noctule_recognise PUBLIC noctule_firmware SQLite::SQLite3 ${opencv_libraries} PRIVATE noctule_options)
+target_link_libraries(noctule_recognise PUBLIC noctule_firmware Eigen3::Eigen SQLite::SQLite3 ${opencv_libraries} PRIVATE noctule_options)
 
 set_target_properties(noctule_recognise PROPERTIES POSITION_INDEPENDENT_CODE ON)
 

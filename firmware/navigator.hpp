@@ -36,7 +36,7 @@ struct NavOutput {
     float goal_x_m = 0.0F;
     float goal_y_m = 0.0F;
     std::int32_t floor = 0;     ///< number of the floor, in the order in which floors were found; 0 is the start's
-    std::array<std::int32_t, kFloorSlots> floor_names{0, 1, 2, 3, 4, 5, 6, 7};   ///< number of each layer of the grid
+    std::array<std::int32_t, kFloorSlots> floor_names{};   ///< number of each layer of the grid
     std::int32_t openings_refused = 0;   ///< openings judged and not taken, or without a floor behind
     float known_area_m2 = 0.0F;
     float clearance_m = 0.0F;   ///< hull to the nearest solid point seen; NaN unknown

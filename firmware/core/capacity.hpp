@@ -1,4 +1,7 @@
 /// Every capacity of the firmware, in one place; docs/memory.md says what happens when each is full.
+///
+/// Three profiles, chosen when the build is configured (-DNOCTULE_CAPACITY=full | small | micro): full holds 30 000 m2 over eight
+/// floors, small 10 000 m2 over four, micro one flat of 500 m2 in 1 MiB. Where they differ the line says by_profile(full, small, micro).
 #pragma once
 
 #include <cstddef>
@@ -6,8 +9,20 @@
 
 namespace noctule {
 
+#if defined(NOCTULE_CAPACITY_MICRO)
+inline constexpr std::size_t kCapacityProfile = 2;
+#elif defined(NOCTULE_CAPACITY_SMALL)
+inline constexpr std::size_t kCapacityProfile = 1;
+#else
+inline constexpr std::size_t kCapacityProfile = 0;
+#endif
+
+[[nodiscard]] constexpr std::size_t by_profile(const std::size_t full, const std::size_t small, const std::size_t micro) {
+    return kCapacityProfile == 2U ? micro : (kCapacityProfile == 1U ? small : full);
+}
+
 // One step's input.
-inline constexpr std::size_t kMaxBeams = 1200;           ///< beams of one sweep; a longer one is refused
+inline constexpr std::size_t kMaxBeams = by_profile(1200, 1200, 1088);  ///< beams of one sweep; a longer one is refused
 inline constexpr std::size_t kMaxImuPerStep = 128;       ///< inertial samples between two scans; the newest are refused
 inline constexpr std::size_t kMaxAttitudePerStep = 32;   ///< attitude samples between two scans; the newest are refused
 inline constexpr std::size_t kMaxRangePerStep = 16;      ///< range samples of one direction between two scans; the newest are refused
@@ -22,29 +37,31 @@ inline constexpr int kMaxLcmQueue = 1024;                ///< messages that wait
 inline constexpr std::size_t kMaxLcmSubscriptions = 16;  ///< channels one process listens to; more are refused at start-up
 
 // Altitude.
-inline constexpr std::size_t kMaxLevels = 64;            ///< surfaces known at once; the least useful gives way
+inline constexpr std::size_t kMaxLevels = by_profile(64, 64, 16);  ///< surfaces known at once; the least useful gives way
 inline constexpr std::size_t kMaxSurfaces = 32;          ///< floors and ceilings of a building handed out at once; more are left out
-inline constexpr std::size_t kMaxPaperLevels = 256;      ///< level entries of the paper's form; the oldest gives way
+inline constexpr std::size_t kMaxPaperLevels = by_profile(256, 128, 32);  ///< level entries of the paper's form; the oldest gives way
 
 // Map and plan.
-inline constexpr std::size_t kMaxTiles = 768;            ///< tiles of 64 x 64 cells, 31 457 m2 at 0.10 m; a further one is refused
-inline constexpr std::int32_t kMaxFloors = 8;             ///< floors that share the tiles; an opening to a further one is refused
-inline constexpr std::size_t kFloorSlots = static_cast<std::size_t>(kMaxFloors);
-inline constexpr std::size_t kMaxTouchedTiles = 128;     ///< tiles that one sweep can touch; beyond, its beams count one by one
-inline constexpr std::size_t kMaxFieldTiles = 320;       ///< tiles of one floor with costs of the way, 13 107 m2; what lies beyond is not reachable
-inline constexpr std::size_t kTileDirectory = 2048;      ///< entries of the tile directory, a power of two over twice kMaxTiles
-inline constexpr std::size_t kMaxOpenCells = 131072;     ///< open entries of one search over the grid; a further one is dropped
-inline constexpr std::size_t kMaxFrontierCells = 32768;  ///< cells at the edge of the unknown in one pass; later ones wait for the next
-inline constexpr std::size_t kMaxFrontiers = 128;        ///< groups of them in one pass; the smallest gives way
-inline constexpr std::size_t kMaxStops = 64;             ///< stops of the explorer's tour, the vehicle is one; the farthest are left for later
-inline constexpr std::size_t kMaxTriedPlaces = 256;      ///< places that could not be looked into; the oldest gives way
-inline constexpr std::size_t kMaxTrailNodes = 2048;      ///< places flown, 0.7 m apart, with the way home; further ones are left out
+inline constexpr std::size_t kMaxTiles = by_profile(768, 256, 11);  ///< tiles of 64 x 64 cells (41 m2 at 0.10 m); a further one is refused
+inline constexpr std::size_t kFloorSlots = by_profile(8, 4, 2);  ///< floors that share the tiles; an opening to a further one is refused
+inline constexpr std::int32_t kMaxFloors = static_cast<std::int32_t>(kFloorSlots);
+inline constexpr std::size_t kMaxTouchedTiles = by_profile(128, 64, 24);  ///< tiles that one sweep can touch; beyond, its beams count one by one
+inline constexpr std::size_t kMaxFieldTiles = by_profile(320, 128, 8);  ///< tiles of one floor with costs of the way; what lies beyond is not reachable
+inline constexpr std::size_t kTileDirectory = by_profile(2048, 1024, 32);  ///< entries of the tile directory, a power of two over twice kMaxTiles
+inline constexpr std::size_t kMaxOpenCells = by_profile(131072, 32768, 2048);  ///< open entries of one search over the grid; a further one is dropped
+inline constexpr std::size_t kMaxFrontierCells = by_profile(32768, 8192, 1024);  ///< cells at the edge of the unknown in one pass; later ones wait for the next
+inline constexpr std::size_t kMaxFrontiers = by_profile(128, 64, 32);  ///< groups of them in one pass; the smallest gives way
+inline constexpr std::size_t kMaxStops = by_profile(64, 64, 24);  ///< stops of the explorer's tour, the vehicle is one; the farthest are left for later
+inline constexpr std::size_t kMaxTriedPlaces = by_profile(256, 128, 64);  ///< places that could not be looked into; the oldest gives way
+inline constexpr std::size_t kMaxTrailNodes = by_profile(2048, 1024, 256);  ///< places flown, 0.7 m apart, with the way home; further ones are left out
 inline constexpr std::size_t kMaxPathPoints = 64;        ///< points of the path ahead, about 3 m; a longer one is cut
-inline constexpr std::size_t kMaxDirtyBlocks = 49152;    ///< blocks of 8 x 8 cells waiting for new clearances: all of them fit
+inline constexpr std::size_t kMaxDirtyBlocks = by_profile(49152, 16384, 704);  ///< blocks of 8 x 8 cells waiting for new clearances; 64 a tile: all of them fit
+inline constexpr std::size_t kMaxPaperSide = by_profile(320, 320, 48);  ///< cells along a side of the area of the paper's policy, 32 m; it does not see what lies beyond
+inline constexpr std::size_t kPotentialWindow = by_profile(64, 64, 32);  ///< cells along a side of the potential's ring, a power of two; a wider window is cut to it
 
 // Floors.
-inline constexpr std::size_t kMaxVerticalCells = 32768;  ///< places in which something over or under was seen, a power of two; at 7/8 of it a new one is refused
-inline constexpr std::size_t kMaxOpenings = 64;          ///< openings judged (taken, refused, without a floor behind); the oldest that was refused gives way
+inline constexpr std::size_t kMaxVerticalCells = by_profile(32768, 8192, 1024);  ///< places in which something over or under was seen, a power of two; at 7/8 of it a new one is refused
+inline constexpr std::size_t kMaxOpenings = by_profile(64, 32, 16);  ///< openings judged (taken, refused, without a floor behind); the oldest that was refused gives way
 inline constexpr std::size_t kMaxElevationBins = 512;    ///< bins of 5 cm in the distribution of elevations; what lies beyond is left out
 inline constexpr std::size_t kMaxAtlasObjects = 128;     ///< objects in the atlas; more are left out
 inline constexpr std::size_t kMaxAtlasBytes = 4194304;   ///< encoded atlas: every tile of the pool and the rest
@@ -53,14 +70,15 @@ inline constexpr std::size_t kMaxAtlasBytes = 4194304;   ///< encoded atlas: eve
 inline constexpr std::size_t kMaxMotionNodes = kMaxImuPerStep + 8;  ///< poses of one sweep; the newest are refused
 inline constexpr std::size_t kMaxWallsPerScan = 48;      ///< walls of one sweep; the shortest give way
 inline constexpr std::size_t kMaxWalls = 192;            ///< walls handed out at once (walls_t); more are refused
-inline constexpr std::size_t kMaxParticles = 128;        ///< hypotheses of the wall filter; a parameter sets how many are used
-inline constexpr std::size_t kMaxLandmarks = 160;        ///< walls of one particle; the one seen least gives way
-inline constexpr std::size_t kMaxPointCells = 8192;      ///< cells of the point map, a power of two; the one with fewest points gives way
+inline constexpr std::size_t kMaxParticles = by_profile(128, 128, 16);  ///< hypotheses of the wall filter; a parameter sets how many are used
+inline constexpr std::size_t kMaxLandmarks = by_profile(160, 120, 48);  ///< walls of one particle; the one seen least gives way
+inline constexpr std::size_t kMaxPointCells = by_profile(8192, 4096, 1024);  ///< cells of the point map, a power of two; the one with fewest points gives way
 inline constexpr std::size_t kMaxPredictorSamples = 128; ///< inertial samples since the last scan; the oldest give way
-inline constexpr std::size_t kMaxMatchPoints = 240;      ///< points of one sweep matched with the point map; thinned out beyond
-inline constexpr std::size_t kMaxShapePoints = 180;      ///< points of one sweep in the scan match; thinned out beyond
-inline constexpr std::size_t kMaxScanCells = 8192;       ///< cells of the map around the vehicle; a further one is refused
-inline constexpr std::size_t kMaxKeyframes = 2048;       ///< sweeps kept for the scan match; the most crowded gives way
+inline constexpr std::size_t kMaxMatchPoints = by_profile(240, 240, 120);  ///< points of one sweep matched with the point map; thinned out beyond
+inline constexpr std::size_t kMaxShapePoints = by_profile(180, 180, 90);  ///< points of one sweep in the scan match; thinned out beyond
+inline constexpr std::size_t kMaxScanSide = by_profile(320, 320, 96);  ///< cells along a side of that map, 0.15 m each; what lies outside is left out
+inline constexpr std::size_t kMaxScanCells = by_profile(8192, 4096, 768);  ///< cells of the map around the vehicle; a further one is refused
+inline constexpr std::size_t kMaxKeyframes = by_profile(2048, 512, 32);  ///< sweeps kept for the scan match; the most crowded gives way
 
 // Recognition.
 inline constexpr std::size_t kMaxSurfPixels = 786432;    ///< pixels of an image for SURF (1024 x 768); a larger one is refused

@@ -1,7 +1,10 @@
 #include "estimate/point_map.hpp"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
+
+#include "core/integer.hpp"
 
 namespace noctule {
 
@@ -27,14 +30,15 @@ void PointMap::clear() {
 }
 
 std::size_t PointMap::slot(const std::int32_t key) {
-    return (static_cast<std::uint32_t>(key) * 2654435769U) >> 19U;  // Fibonacci hashing to 13 bits
+    constexpr auto kBits = static_cast<unsigned>(std::countr_zero(kMaxPointCells));
+    static_assert(std::has_single_bit(kMaxPointCells), "Fibonacci hashing to this many bits");
+    return (static_cast<std::uint32_t>(key) * 2654435769U) >> (32U - kBits);
 }
-static_assert(kMaxPointCells == 8192, "slot() makes 13 bits");
 
 std::int32_t PointMap::key_of(const float x_m, const float y_m) const {
     // Sixteen bits an axis: at 0.2 m that is +-6.5 km.
     const float scale = 1.0F / parameters_.point_cell_m;
-    return pack(static_cast<std::int32_t>(std::floor(x_m * scale)), static_cast<std::int32_t>(std::floor(y_m * scale)));
+    return pack(floor_int(x_m * scale), floor_int(y_m * scale));
 }
 
 const PointMap::Cell* PointMap::find(const std::int32_t key) const {

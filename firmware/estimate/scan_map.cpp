@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/integer.hpp"
+
 namespace noctule {
 
 namespace {
@@ -282,8 +284,8 @@ std::size_t ScanMap::search(const ScanShape& shape, const Pose2<Map, Body>& pred
         std::size_t n = 0;
         for (std::size_t i = 0; i < shape.size() && n < kMost; i += stride) {
             const Point2<Body>& p = shape[i];
-            column[n] = static_cast<std::int32_t>(std::floor((predicted.x_m + c * p.x_m - s * p.y_m - x0_m_) * (1.0F / kCell_m)));
-            row[n] = static_cast<std::int32_t>(std::floor((predicted.y_m + s * p.x_m + c * p.y_m - y0_m_) * (1.0F / kCell_m)));
+            column[n] = floor_int((predicted.x_m + c * p.x_m - s * p.y_m - x0_m_) * (1.0F / kCell_m));
+            row[n] = floor_int((predicted.y_m + s * p.x_m + c * p.y_m - y0_m_) * (1.0F / kCell_m));
             ++n;
         }
         for (std::int32_t dy = -half_cells; dy <= half_cells; ++dy) {

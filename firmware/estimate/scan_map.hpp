@@ -64,7 +64,7 @@ struct ScanFit {
 class ScanMap {
 public:
     static constexpr float kCell_m = 0.15F;
-    static constexpr std::int32_t kSide = 320;   ///< 48 m
+    static constexpr auto kSide = static_cast<std::int32_t>(kMaxScanSide);
 
     /// Empties the map and places it.
     void start(float centre_x_m, float centre_y_m);

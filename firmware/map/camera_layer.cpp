@@ -29,8 +29,8 @@ template <class F> void OccupancyGrid::each_in_view(const float x_m, const float
         const float dx = std::cos(angle);
         const float dy = std::sin(angle);
         for (float r = 0.0F; r <= range; r += kStepCells) {
-            const auto ix = static_cast<std::int32_t>(std::floor(ox + r * dx));
-            const auto iy = static_cast<std::int32_t>(std::floor(oy + r * dy));
+            const auto ix = floor_int(ox + r * dx);
+            const auto iy = floor_int(oy + r * dy);
             if (slot == -2 || (ix >> 6) != tile_x || (iy >> 6) != tile_y) {
                 tile_x = ix >> 6;
                 tile_y = iy >> 6;

@@ -1,8 +1,9 @@
 /// Cells and metres: the one place that turns the one into the other.
 #pragma once
 
-#include <cmath>
 #include <cstdint>
+
+#include "core/integer.hpp"
 
 namespace noctule {
 
@@ -27,7 +28,7 @@ public:
     [[nodiscard]] float to_cells(const float metres) const { return metres * per_m_; }
     [[nodiscard]] float to_metres(const float cells) const { return cells * cell_m_; }
     [[nodiscard]] Cell cell(const float x_m, const float y_m) const {
-        return {static_cast<std::int32_t>(std::floor(x_m * per_m_)), static_cast<std::int32_t>(std::floor(y_m * per_m_))};
+        return {floor_int(x_m * per_m_), floor_int(y_m * per_m_)};
     }
     [[nodiscard]] float centre_x_m(const Cell c) const { return (static_cast<float>(c.ix) + 0.5F) * cell_m_; }
     [[nodiscard]] float centre_y_m(const Cell c) const { return (static_cast<float>(c.iy) + 0.5F) * cell_m_; }

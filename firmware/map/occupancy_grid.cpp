@@ -30,6 +30,14 @@ std::size_t hash_of(const std::int32_t tile_x, const std::int32_t tile_y, const 
     return (h ^ (h >> 15U)) & (kTileDirectory - 1U);
 }
 
+bool is_touched(const std::uint64_t* const rows, const CellId id) {
+    return rows != nullptr && (rows[(id >> 6) & 63] >> static_cast<unsigned>(id & 63) & 1U) != 0U;
+}
+
+void mark_touched(std::uint64_t* const rows, const CellId id) {
+    if (rows != nullptr) { rows[(id >> 6) & 63] |= std::uint64_t{1} << static_cast<unsigned>(id & 63); }
+}
+
 std::int32_t units(const float nats) { return static_cast<std::int32_t>(std::lround(nats * kUnitsPerNat)); }
 
 std::size_t block_of(const CellId id) { return static_cast<std::size_t>(((id >> 9) & 7) * 8 + ((id >> 3) & 7)); }
@@ -69,24 +77,17 @@ bool OccupancyGrid::select_floor(const std::int32_t floor) {
     return true;
 }
 
-bool OccupancyGrid::touched(const CellId id) const {
-    const auto slot = static_cast<std::size_t>(id >> 12);
-    if (touched_scan_[slot] != scans_) { return false; }
-    const std::uint64_t row = touched_[static_cast<std::size_t>(touched_page_[slot])][static_cast<std::size_t>((id >> 6) & 63)];
-    return (row >> static_cast<unsigned>(id & 63) & 1U) != 0U;
-}
-
 // A sweep reaches some 25 tiles; should it ever touch more than there are pages for, the rest forgets that it was touched.
-void OccupancyGrid::mark_touched(const CellId id) {
-    const auto slot = static_cast<std::size_t>(id >> 12);
-    if (touched_scan_[slot] != scans_) {
-        if (touched_pages_ == kMaxTouchedTiles) { return; }
-        touched_scan_[slot] = scans_;
-        touched_page_[slot] = static_cast<std::int16_t>(touched_pages_);
+std::uint64_t* OccupancyGrid::touched_rows(const std::int32_t slot) {
+    const auto k = static_cast<std::size_t>(slot);
+    if (touched_scan_[k] != scans_) {
+        if (touched_pages_ == kMaxTouchedTiles) { return nullptr; }
+        touched_scan_[k] = scans_;
+        touched_page_[k] = static_cast<std::int16_t>(touched_pages_);
         touched_[touched_pages_].fill(0);
         ++touched_pages_;
     }
-    touched_[static_cast<std::size_t>(touched_page_[slot])][static_cast<std::size_t>((id >> 6) & 63)] |= std::uint64_t{1} << static_cast<unsigned>(id & 63);
+    return touched_[static_cast<std::size_t>(touched_page_[k])].data();
 }
 
 std::int32_t OccupancyGrid::tile_slot(const std::int32_t floor, const std::int32_t tile_x, const std::int32_t tile_y) const {
@@ -98,64 +99,54 @@ std::int32_t OccupancyGrid::tile_slot(const std::int32_t floor, const std::int32
     }
 }
 
-CellId OccupancyGrid::find(const Cell cell) const {
-    const std::int32_t slot = tile_slot(cell.ix >> 6, cell.iy >> 6);
-    return slot < 0 ? kNoCell : slot * kTileArea + (cell.iy & 63) * kTileCells + (cell.ix & 63);
-}
-
-Cell OccupancyGrid::cell(const CellId id) const {
-    const GridTile& t = tiles_[static_cast<std::size_t>(id >> 12)];
-    return {t.tile_x * kTileCells + (id & 63), t.tile_y * kTileCells + ((id >> 6) & 63)};
-}
-
-CellId OccupancyGrid::neighbour(const CellId id, const std::int32_t direction) const {
-    const std::int32_t i = (id & 63) + kNeighbourX[direction];
-    const std::int32_t j = ((id >> 6) & 63) + kNeighbourY[direction];
-    if (((i | j) & ~63) == 0) { return (id & ~4095) + j * kTileCells + i; }
+// Neighbour of a cell at the rim of its tile; i and j are its column and row counted from that tile.
+CellId OccupancyGrid::neighbour_across(const CellId id, const std::int32_t i, const std::int32_t j) const {
     const std::int32_t dx = i < 0 ? -1 : (i >> 6);
     const std::int32_t dy = j < 0 ? -1 : (j >> 6);
     std::int32_t toward = 0;
     while (kNeighbourX[toward] != dx || kNeighbourY[toward] != dy) { ++toward; }
     const std::int32_t slot = tiles_[static_cast<std::size_t>(id >> 12)].neighbour[static_cast<std::size_t>(toward)];
-    return slot < 0 ? kNoCell : slot * kTileArea + (j & 63) * kTileCells + (i & 63);
+    return slot < 0 ? kNoCell : id_in(slot, {i, j});
 }
 
-CellId OccupancyGrid::find_or_lay(const Cell cell) {
-    const std::int32_t tx = cell.ix >> 6;
-    const std::int32_t ty = cell.iy >> 6;
-    if (cached_slot_ < 0 || tx != cached_x_ || ty != cached_y_) {
-        std::int32_t slot = tile_slot(tx, ty);
-        if (slot < 0) {
-            if (tile_count_ == static_cast<std::int32_t>(kMaxTiles)) {
-                ++counters_.tiles_refused;
-                return kNoCell;
-            }
-            slot = tile_count_++;
-            GridTile& t = tiles_[static_cast<std::size_t>(slot)];
-            t.tile_x = tx;
-            t.tile_y = ty;
-            t.floor = floor_;
-            t.log_odds.fill(0);
-            t.hit_x.fill(kNeverHit);
-            t.hit_y.fill(0);
-            t.camera.fill(0);
-            for (std::uint16_t& v : t.version) { ++v; }
-            t.class_changed = t.value_changed = false;
-            t.published_us = -1;
-            std::size_t at = hash_of(tx, ty, floor_);
-            while (directory_[at] >= 0) { at = (at + 1U) & (kTileDirectory - 1U); }
-            directory_[at] = static_cast<std::int16_t>(slot);
-            for (std::int32_t d = 0; d < 8; ++d) {
-                const std::int32_t other = tile_slot(tx + kNeighbourX[d], ty + kNeighbourY[d]);
-                t.neighbour[static_cast<std::size_t>(d)] = other;
-                if (other >= 0) { tiles_[static_cast<std::size_t>(other)].neighbour[static_cast<std::size_t>((d + 4) & 7)] = slot; }
-            }
-        }
-        cached_x_ = tx;
-        cached_y_ = ty;
-        cached_slot_ = slot;
+// The tile with these coordinates, laid down if it is new; -1: the pool is full.
+std::int32_t OccupancyGrid::slot_or_lay(const std::int32_t tile_x, const std::int32_t tile_y) {
+    if (cached_slot_ >= 0 && tile_x == cached_x_ && tile_y == cached_y_) { return cached_slot_; }
+    std::int32_t slot = tile_slot(tile_x, tile_y);
+    if (slot < 0) { slot = lay(tile_x, tile_y); }
+    if (slot < 0) { return -1; }
+    cached_x_ = tile_x;
+    cached_y_ = tile_y;
+    cached_slot_ = slot;
+    return slot;
+}
+
+std::int32_t OccupancyGrid::lay(const std::int32_t tile_x, const std::int32_t tile_y) {
+    if (tile_count_ == static_cast<std::int32_t>(kMaxTiles)) {
+        ++counters_.tiles_refused;
+        return -1;
     }
-    return cached_slot_ * kTileArea + (cell.iy & 63) * kTileCells + (cell.ix & 63);
+    const std::int32_t slot = tile_count_++;
+    GridTile& t = tiles_[static_cast<std::size_t>(slot)];
+    t.tile_x = tile_x;
+    t.tile_y = tile_y;
+    t.floor = floor_;
+    t.log_odds.fill(0);
+    t.hit_x.fill(kNeverHit);
+    t.hit_y.fill(0);
+    t.camera.fill(0);
+    for (std::uint16_t& v : t.version) { ++v; }
+    t.class_changed = t.value_changed = false;
+    t.published_us = -1;
+    std::size_t at = hash_of(tile_x, tile_y, floor_);
+    while (directory_[at] >= 0) { at = (at + 1U) & (kTileDirectory - 1U); }
+    directory_[at] = static_cast<std::int16_t>(slot);
+    for (std::int32_t d = 0; d < 8; ++d) {
+        const std::int32_t other = tile_slot(tile_x + kNeighbourX[d], tile_y + kNeighbourY[d]);
+        t.neighbour[static_cast<std::size_t>(d)] = other;
+        if (other >= 0) { tiles_[static_cast<std::size_t>(other)].neighbour[static_cast<std::size_t>((d + 4) & 7)] = slot; }
+    }
+    return slot;
 }
 
 void OccupancyGrid::touch(const CellId id, const CellClass before) {
@@ -182,8 +173,8 @@ void OccupancyGrid::hit(const CellId id, const float x_cells, const float y_cell
     const float gain = fresh ? 1.0F : (t.log_odds[k] >= log_max_ ? 0.06F : 0.25F);
     const float old_x = static_cast<float>(t.hit_x[k]);
     const float old_y = static_cast<float>(t.hit_y[k]);
-    const auto new_x = static_cast<std::int32_t>(std::lround(fresh ? dx : old_x + gain * (dx - old_x)));
-    const auto new_y = static_cast<std::int32_t>(std::lround(fresh ? dy : old_y + gain * (dy - old_y)));
+    const std::int32_t new_x = round_int(fresh ? dx : old_x + gain * (dx - old_x));
+    const std::int32_t new_y = round_int(fresh ? dy : old_y + gain * (dy - old_y));
     const bool moved = std::abs(new_x - t.hit_x[k]) > kGeometryStep || std::abs(new_y - t.hit_y[k]) > kGeometryStep;
     t.hit_x[k] = static_cast<std::int8_t>(std::clamp(new_x, -127, 127));
     t.hit_y[k] = static_cast<std::int8_t>(std::clamp(new_y, -127, 127));
@@ -191,21 +182,21 @@ void OccupancyGrid::hit(const CellId id, const float x_cells, const float y_cell
     const std::size_t block = block_of(id);
     const bool turn = (scans_ & (kRefreshScans - 1U)) == ((static_cast<std::uint32_t>(block) * 37U + static_cast<std::uint32_t>(id >> 12)) & (kRefreshScans - 1U));
     if (moved || turn) { ++t.version[block]; }
-    if (touched(id)) { return; }  // the evidence of a sweep counts once; its points all count for the mean
-    mark_touched(id);
+    std::uint64_t* const rows = touched_rows(id >> 12);
+    if (is_touched(rows, id)) { return; }  // the evidence of a sweep counts once; its points all count for the mean
+    mark_touched(rows, id);
     const CellClass before = class_of(t.log_odds[k]);
     t.log_odds[k] = static_cast<std::int8_t>(std::min(t.log_odds[k] + add_hit_, log_max_));
     touch(id, before);
 }
 
-// Section G, "free": the cells that a beam crosses before its end. Origin in cells, direction of unit length.
-void OccupancyGrid::miss(const CellId id, const float origin_x, const float origin_y, const float dir_x, const float dir_y, const float end,
-                         const float rise) {
+// Section G, "free": the cells that a beam crosses before its end.
+void OccupancyGrid::miss(const CellId id, std::uint64_t* const rows, const Beam& beam, const float end, const float rise) {
     GridTile& t = tiles_[static_cast<std::size_t>(id >> 12)];
     const auto k = static_cast<std::size_t>(id & 4095);
     const std::int8_t l = t.log_odds[k];
     if (l <= log_min_) {
-        mark_touched(id);
+        mark_touched(rows, id);
         return;
     }
     const CellClass before = class_of(l);
@@ -213,58 +204,81 @@ void OccupancyGrid::miss(const CellId id, const float origin_x, const float orig
         // A wall fills a part of its cell only: a beam through the other part says nothing about it. Also where the cell does not
         // count as occupied (yet): else cells at the very edge of a wall wander between the classes.
         const Cell c = cell(id);
-        const float hx = static_cast<float>(c.ix) + 0.5F + static_cast<float>(t.hit_x[k]) / kOffsetUnits - origin_x;
-        const float hy = static_cast<float>(c.iy) + 0.5F + static_cast<float>(t.hit_y[k]) / kOffsetUnits - origin_y;
-        const float aside = std::fabs(hx * dir_y - hy * dir_x);
-        const float along = hx * dir_x + hy * dir_y;
+        const float hx = static_cast<float>(c.ix) + 0.5F + static_cast<float>(t.hit_x[k]) / kOffsetUnits - beam.origin_x;
+        const float hy = static_cast<float>(c.iy) + 0.5F + static_cast<float>(t.hit_y[k]) / kOffsetUnits - beam.origin_y;
+        const float aside = std::fabs(hx * beam.dir_y - hy * beam.dir_x);
+        const float along = hx * beam.dir_x + hy * beam.dir_y;
         const float behind = end - along;
         if (std::fabs(rise * along) > kLevelCells) { return; }  // it passed over or under what stands there
         if (aside > kPassesByCells || behind < kGrazesCells || (behind < kGrazesFarCells && aside > kPassesFarByCells)) { return; }
     }
-    mark_touched(id);
+    mark_touched(rows, id);
     t.log_odds[k] = static_cast<std::int8_t>(std::max(l - add_miss_, log_min_));
     if (t.log_odds[k] == log_min_) { t.hit_x[k] = kNeverHit; }
     touch(id, before);
 }
 
-// Walks the cells from (ox, oy) to (ex, ey), in cells (Amanatides and Woo 1987). A cell whose centre, projected on the beam,
-// lies before `clear_to` is crossed; one between `mark_from` and `mark_to` is occupied (obstacle thickness over one cell).
-void OccupancyGrid::cast(const float ox, const float oy, const float ex, const float ey, const float clear_to, const float mark_from,
-                         const float mark_to, const bool marking, const float rise) {
-    const float length = std::hypot(ex - ox, ey - oy);
-    if (!(length > 1e-3F)) { return; }
-    const float dx = (ex - ox) / length;
-    const float dy = (ey - oy) / length;
-    Cell c{static_cast<std::int32_t>(std::floor(ox)), static_cast<std::int32_t>(std::floor(oy))};
-    const std::int32_t step_x = dx > 0.0F ? 1 : -1;
-    const std::int32_t step_y = dy > 0.0F ? 1 : -1;
+// Walks the cells along a beam from its origin to its end (Amanatides and Woo 1987): visit(cell, how far along the beam its centre
+// lies, which never falls), until that returns false.
+template <class F> void OccupancyGrid::walk(const Beam& beam, F&& visit) {
+    Cell c{floor_int(beam.origin_x), floor_int(beam.origin_y)};
+    const std::int32_t step_x = beam.dir_x > 0.0F ? 1 : -1;
+    const std::int32_t step_y = beam.dir_y > 0.0F ? 1 : -1;
+    const auto step_fx = static_cast<float>(step_x);
+    const auto step_fy = static_cast<float>(step_y);
     constexpr float kFar = 1e9F;
-    const float per_x = std::fabs(dx) > 1e-7F ? 1.0F / std::fabs(dx) : kFar;
-    const float per_y = std::fabs(dy) > 1e-7F ? 1.0F / std::fabs(dy) : kFar;
-    float next_x = per_x < kFar ? (dx > 0.0F ? static_cast<float>(c.ix + 1) - ox : ox - static_cast<float>(c.ix)) * per_x : kFar;
-    float next_y = per_y < kFar ? (dy > 0.0F ? static_cast<float>(c.iy + 1) - oy : oy - static_cast<float>(c.iy)) * per_y : kFar;
-    float entered = 0.0F;
-    while (entered <= length) {
-        const float along = (static_cast<float>(c.ix) + 0.5F - ox) * dx + (static_cast<float>(c.iy) + 0.5F - oy) * dy;
-        if (marking) {
-            if (along >= mark_from && along <= mark_to) {
-                const CellId id = find_or_lay(c);
-                if (id != kNoCell) { hit(id, static_cast<float>(c.ix) + 0.5F, static_cast<float>(c.iy) + 0.5F); }
-            }
-        } else if (along < clear_to) {
-            const CellId id = find_or_lay(c);
-            if (id != kNoCell && !touched(id)) { miss(id, ox, oy, dx, dy, clear_to, rise); }
-        }
+    const float per_x = std::fabs(beam.dir_x) > 1e-7F ? 1.0F / std::fabs(beam.dir_x) : kFar;
+    const float per_y = std::fabs(beam.dir_y) > 1e-7F ? 1.0F / std::fabs(beam.dir_y) : kFar;
+    const auto to_edge = [](const float at, const std::int32_t cell, const std::int32_t step) {
+        return step > 0 ? static_cast<float>(cell + 1) - at : at - static_cast<float>(cell);
+    };
+    float next_x = per_x < kFar ? to_edge(beam.origin_x, c.ix, step_x) * per_x : kFar;
+    float next_y = per_y < kFar ? to_edge(beam.origin_y, c.iy, step_y) * per_y : kFar;
+    float middle_x = static_cast<float>(c.ix) + 0.5F;
+    float middle_y = static_cast<float>(c.iy) + 0.5F;
+    for (float entered = 0.0F; entered <= beam.length;) {
+        if (!visit(c, (middle_x - beam.origin_x) * beam.dir_x + (middle_y - beam.origin_y) * beam.dir_y)) { return; }
         if (next_x < next_y) {
             entered = next_x;
             next_x += per_x;
+            middle_x += step_fx;
             c.ix += step_x;
         } else {
             entered = next_y;
             next_y += per_y;
+            middle_y += step_fy;
             c.iy += step_y;
         }
     }
+}
+
+// Cells whose centre, projected on the beam, lies before `clear_to` are crossed. Most of them a beam beside this one has entered already.
+void OccupancyGrid::clear_along(const Beam& beam, const float clear_to, const float rise) {
+    Cell corner{std::numeric_limits<std::int32_t>::min(), 0};   // of the tile that the beam is in
+    std::int32_t slot = -1;
+    std::uint64_t* rows = nullptr;
+    walk(beam, [&](const Cell c, const float along) {
+        if (!(along < clear_to)) { return false; }
+        if ((((c.ix ^ corner.ix) | (c.iy ^ corner.iy)) & ~63) != 0) {
+            corner = {c.ix & ~63, c.iy & ~63};
+            slot = slot_or_lay(c.ix >> 6, c.iy >> 6);
+            rows = slot < 0 ? nullptr : touched_rows(slot);
+        }
+        if (slot < 0) { return true; }
+        const CellId id = id_in(slot, c);
+        if (!is_touched(rows, id)) { miss(id, rows, beam, clear_to, rise); }
+        return true;
+    });
+}
+
+// Cells whose centre lies between `mark_from` and `mark_to` are occupied (obstacle thickness over one cell).
+void OccupancyGrid::mark_along(const Beam& beam, const float mark_from, const float mark_to) {
+    walk(beam, [&](const Cell c, const float along) {
+        if (along < mark_from || along > mark_to) { return true; }
+        const CellId id = find_or_lay(c);
+        if (id != kNoCell) { hit(id, static_cast<float>(c.ix) + 0.5F, static_cast<float>(c.iy) + 0.5F); }
+        return true;
+    });
 }
 
 void OccupancyGrid::integrate(const Estimate& estimate, const LevelScan& scan) {
@@ -286,6 +300,12 @@ void OccupancyGrid::integrate(const Estimate& estimate, const LevelScan& scan) {
         return Point2<Map>{geometry_.to_cells(pose.x_m + c * p.origin_x_m - s * p.origin_y_m),
                            geometry_.to_cells(pose.y_m + s * p.origin_x_m + c * p.origin_y_m)};
     };
+    const auto beam_to = [](const Point2<Map>& o, const float ex, const float ey) {
+        const float dx = ex - o.x_m;
+        const float dy = ey - o.y_m;
+        const float length = std::hypot(dx, dy);
+        return Beam{o.x_m, o.y_m, dx / length, dy / length, length > 1e-3F ? length : -1.0F};
+    };
     const auto end = [&](const ScanPoint& p) {
         return Point2<Map>{geometry_.to_cells(pose.x_m + c * p.x_m - s * p.y_m), geometry_.to_cells(pose.y_m + s * p.x_m + c * p.y_m)};
     };
@@ -299,9 +319,9 @@ void OccupancyGrid::integrate(const Estimate& estimate, const LevelScan& scan) {
         ++counters_.beams_used;
         if (half > 0.5F) {
             const float stretch = (length + half) / std::max(length, 1e-3F);
-            cast(o.x_m, o.y_m, o.x_m + (e.x_m - o.x_m) * stretch, o.y_m + (e.y_m - o.y_m) * stretch, 0.0F, length - half, length + half, true, 0.0F);
+            mark_along(beam_to(o, o.x_m + (e.x_m - o.x_m) * stretch, o.y_m + (e.y_m - o.y_m) * stretch), length - half, length + half);
         } else {
-            const CellId id = find_or_lay({static_cast<std::int32_t>(std::floor(e.x_m)), static_cast<std::int32_t>(std::floor(e.y_m))});
+            const CellId id = find_or_lay({floor_int(e.x_m), floor_int(e.y_m)});
             if (id != kNoCell) { hit(id, e.x_m, e.y_m); }
         }
     }
@@ -318,7 +338,7 @@ void OccupancyGrid::integrate(const Estimate& estimate, const LevelScan& scan) {
         }
         if (!(clear_to > 0.0F)) { continue; }
         const float cut = std::min(1.0F, (clear_to + 1.0F) / length);
-        cast(o.x_m, o.y_m, o.x_m + (e.x_m - o.x_m) * cut, o.y_m + (e.y_m - o.y_m) * cut, clear_to, 0.0F, 0.0F, false, geometry_.to_cells(p.z_m) / length);
+        clear_along(beam_to(o, o.x_m + (e.x_m - o.x_m) * cut, o.y_m + (e.y_m - o.y_m) * cut), clear_to, geometry_.to_cells(p.z_m) / length);
     }
     cached_slot_ = -1;
     if ((scans_ & (kCameraEvery - 1U)) == 0U) { look(pose); }

@@ -45,6 +45,13 @@ struct GridTile {
     std::int64_t published_us = -1;
 };
 
+/// Classes of eight cells beside each other, a bit a cell. Without a tile all are unknown.
+struct ClassBits {
+    std::uint32_t free = 0;
+    std::uint32_t occupied = 0;
+    [[nodiscard]] std::uint32_t unknown() const { return ~(free | occupied) & 0xFFU; }
+};
+
 class OccupancyGrid {
 public:
     explicit OccupancyGrid(const Parameters& parameters);
@@ -63,13 +70,45 @@ public:
     [[nodiscard]] bool on_floor(const std::int32_t slot) const { return tiles_[static_cast<std::size_t>(slot)].floor == floor_; }
 
     [[nodiscard]] const GridGeometry& geometry() const { return geometry_; }
-    [[nodiscard]] CellId find(Cell cell) const;                        ///< kNoCell: nothing is known there
+    [[nodiscard]] CellId find(const Cell cell) const {                 ///< kNoCell: nothing is known there
+        const std::int32_t slot = tile_slot(cell.ix >> 6, cell.iy >> 6);
+        return slot < 0 ? kNoCell : id_in(slot, cell);
+    }
     [[nodiscard]] CellId find(float x_m, float y_m) const { return find(geometry_.cell(x_m, y_m)); }
-    [[nodiscard]] Cell cell(CellId id) const;
-    [[nodiscard]] CellId neighbour(CellId id, std::int32_t direction) const;  ///< direction 0 to 7; kNoCell: no tile there
+    [[nodiscard]] Cell cell(const CellId id) const {
+        const GridTile& t = tiles_[static_cast<std::size_t>(id >> 12)];
+        return {t.tile_x * kTileCells + (id & 63), t.tile_y * kTileCells + ((id >> 6) & 63)};
+    }
+    /// Handle of a cell that lies in the tile with this slot.
+    [[nodiscard]] static constexpr CellId id_in(const std::int32_t slot, const Cell c) { return slot * kTileArea + (c.iy & 63) * kTileCells + (c.ix & 63); }
+    /// Handles of the eight neighbours, kNoCell where no tile is.
+    void neighbours(const CellId id, std::array<CellId, 8>& out) const {
+        const std::uint32_t i = static_cast<std::uint32_t>(id) & 63U;
+        const std::uint32_t j = static_cast<std::uint32_t>(id >> 6) & 63U;
+        if (i - 1U < 62U && j - 1U < 62U) {   // all in the same tile
+            for (std::size_t d = 0; d < 8; ++d) { out[d] = id + kNeighbourY[d] * kTileCells + kNeighbourX[d]; }
+        } else {
+            for (std::size_t d = 0; d < 8; ++d) { out[d] = neighbour(id, static_cast<std::int32_t>(d)); }
+        }
+    }
+    [[nodiscard]] CellId neighbour(const CellId id, const std::int32_t direction) const {  ///< direction 0 to 7; kNoCell: no tile there
+        const std::int32_t i = (id & 63) + kNeighbourX[direction];
+        const std::int32_t j = ((id >> 6) & 63) + kNeighbourY[direction];
+        return ((i | j) & ~63) == 0 ? (id & ~4095) + j * kTileCells + i : neighbour_across(id, i, j);
+    }
     [[nodiscard]] CellClass cell_class(const CellId id) const {
         if (id == kNoCell) { return CellClass::unknown; }
         return class_of(tiles_[static_cast<std::size_t>(id >> 12)].log_odds[static_cast<std::size_t>(id & 4095)]);
+    }
+    /// Of the cells id to id + 7, which must lie in one tile.
+    [[nodiscard]] ClassBits classes_of_eight(const CellId id) const {
+        const std::int8_t* const l = &tiles_[static_cast<std::size_t>(id >> 12)].log_odds[static_cast<std::size_t>(id & 4095)];
+        ClassBits bits;
+        for (std::uint32_t k = 0; k < 8U; ++k) {
+            bits.free |= static_cast<std::uint32_t>(l[k] <= free_) << k;
+            bits.occupied |= static_cast<std::uint32_t>(l[k] >= occupied_) << k;
+        }
+        return bits;
     }
     [[nodiscard]] CellClass cell_class(const Cell c) const { return cell_class(find(c)); }
     /// Mean hit of an occupied cell, frame Map.
@@ -120,16 +159,25 @@ private:
         if (log_odds >= occupied_) { return CellClass::occupied; }
         return log_odds <= free_ ? CellClass::free : CellClass::unknown;
     }
-    [[nodiscard]] CellId find_or_lay(Cell cell);
+    [[nodiscard]] CellId neighbour_across(CellId id, std::int32_t i, std::int32_t j) const;
+    [[nodiscard]] std::int32_t slot_or_lay(std::int32_t tile_x, std::int32_t tile_y);
+    [[nodiscard]] std::int32_t lay(std::int32_t tile_x, std::int32_t tile_y);
+    [[nodiscard]] CellId find_or_lay(const Cell c) {
+        const std::int32_t slot = slot_or_lay(c.ix >> 6, c.iy >> 6);
+        return slot < 0 ? kNoCell : id_in(slot, c);
+    }
     template <class F> void each_in_view(float x_m, float y_m, float yaw_rad, F&& visit) const;
-    [[nodiscard]] bool touched(CellId id) const;   ///< by the sweep being entered
-    void mark_touched(CellId id);
+    /// Rows of a tile with a bit for each cell touched by the sweep being entered; nullptr: there was no page left.
+    [[nodiscard]] std::uint64_t* touched_rows(std::int32_t slot);
     void load_parameters();
     void hit(CellId id, float x_cells, float y_cells);
-    void miss(CellId id, float origin_x, float origin_y, float dir_x, float dir_y, float end, float rise);
+    struct Beam { float origin_x; float origin_y; float dir_x; float dir_y; float length; };   ///< in cells, direction of unit length
+    template <class F> static void walk(const Beam& beam, F&& visit);
+    void miss(CellId id, std::uint64_t* touched_rows, const Beam& beam, float end, float rise);
     [[nodiscard]] float open_range_m(const LevelScan& scan, std::size_t k);
     void touch(CellId id, CellClass before);
-    void cast(float ox, float oy, float ex, float ey, float clear_to, float mark_from, float mark_to, bool marking, float rise);
+    void clear_along(const Beam& beam, float clear_to, float rise);
+    void mark_along(const Beam& beam, float mark_from, float mark_to);
 
     const Parameters& p_;
     GridGeometry geometry_;

@@ -120,8 +120,19 @@ bool CostField::run(const OccupancyGrid& grid, const Traversability& where, Open
         return graph->nearest_[page_[static_cast<std::size_t>(of >> 12)]][static_cast<std::size_t>(of & 4095)];
     };
     if (done_) { return true; }
+    // By the byte that Traversability keeps of a cell: what a straight and a diagonal step into it cost; 0: not entered.
+    std::array<std::array<std::uint32_t, 2>, 256> edge{};
+    std::array<bool, 256> crossed{};
+    for (std::int32_t v = 0; v < 256; ++v) {
+        const auto k = static_cast<std::size_t>(v);
+        crossed[k] = where.passable_byte(v);
+        if (!crossed[k] && !Traversability::tight_byte(v)) { continue; }
+        const float slow = crossed[k] ? where.slowness_byte(v) : kTightFactor;
+        for (std::size_t d = 0; d < 2; ++d) { edge[k][d] = static_cast<std::uint32_t>(kSteps[d] * std::min(slow, kSlowest)); }
+    }
     CellId id = kNoCell;
     std::uint32_t at = 0;
+    std::array<CellId, 8> around{};
     for (std::int32_t k = 0; k < budget; ++k) {
         if (!open.pop(id, at)) {
             done_ = true;
@@ -134,18 +145,15 @@ bool CostField::run(const OccupancyGrid& grid, const Traversability& where, Open
         }
         ++settled_;
         if (id == until) { stop_at_ = at + beyond; }
-        const bool passable = where.passable(id);
-        const Cell c = grid.cell(id);
-        const bool leads_on = passable || (std::abs(c.ix - root_cell_.ix) <= free_radius_ && std::abs(c.iy - root_cell_.iy) <= free_radius_);
-        for (std::int32_t d = 0; d < 8; ++d) {
-            const CellId next = grid.neighbour(id, d);
+        const bool leads_on = where.passable(id) || near_root(grid.cell(id));
+        grid.neighbours(id, around);
+        for (std::size_t d = 0; d < 8; ++d) {
+            const CellId next = around[d];
             if (next == kNoCell) { continue; }
-            const bool next_passable = where.passable(next);
+            const auto byte = static_cast<std::size_t>(where.byte(next));
             // A tight cell is left, or entered from its like or from a passable one, but never crossed to come back out.
-            if (!next_passable && !where.tight(next)) { continue; }
-            if (next_passable && !leads_on) { continue; }
-            const float slow = next_passable ? where.slowness(next) : kTightFactor;
-            const std::uint32_t through = unpack(pack(at + static_cast<std::uint32_t>(kSteps[d & 1] * std::min(slow, kSlowest))));
+            if (edge[byte][d & 1U] == 0U || (crossed[byte] && !leads_on)) { continue; }
+            const std::uint32_t through = rounded(at + edge[byte][d & 1U]);
             const std::uint32_t known = cost(next);
             if (through < known && set(next, through)) {
                 static_cast<void>(open.push(next, through));

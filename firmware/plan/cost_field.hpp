@@ -13,6 +13,7 @@
 #include <array>
 #include <bit>
 #include <cstdint>
+#include <cstdlib>
 #include <limits>
 
 #include "core/capacity.hpp"
@@ -113,6 +114,11 @@ public:
 
 private:
     static constexpr std::uint16_t kPackedFar = 0xFFFFU;
+    /// A cost as it comes back when it has been kept.
+    [[nodiscard]] static constexpr std::uint32_t rounded(const std::uint32_t cost) { return cost < 0x4000U ? cost : unpack(pack(cost)); }
+    [[nodiscard]] bool near_root(const Cell c) const {
+        return std::abs(c.ix - root_cell_.ix) <= free_radius_ && std::abs(c.iy - root_cell_.iy) <= free_radius_;
+    }
     bool set(CellId id, std::uint32_t cost);   ///< false: refused
 
     std::array<std::array<std::uint16_t, kTileArea>, kMaxFieldTiles> cost_{};

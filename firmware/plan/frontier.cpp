@@ -1,13 +1,13 @@
 #include "plan/frontier.hpp"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 
 namespace noctule {
 
 namespace {
 
-constexpr std::int32_t kRays = 96;
 constexpr float kBeyondCells = 1.7F;      ///< within which a line of sight must meet the unknown behind a frontier cell
 constexpr float kSamePlaceM = 0.35F;      ///< tried places within this are one
 constexpr float kFirstTryShare = 0.6F;    ///< each try in vain brings the next viewpoint nearer by this
@@ -72,6 +72,14 @@ float TriedPlaces::distance_allowed_m(const float x_m, const float y_m, const st
     return p_.view_range_m;
 }
 
+FrontierSearch::FrontierSearch(const Parameters& parameters) : p_(parameters) {
+    for (std::int32_t k = 0; k < kRays; ++k) {
+        const float angle = 2.0F * kPi * static_cast<float>(k) / static_cast<float>(kRays);
+        ray_x_[static_cast<std::size_t>(k)] = std::cos(angle);
+        ray_y_[static_cast<std::size_t>(k)] = std::sin(angle);
+    }
+}
+
 void FrontierSearch::start() {
     cells_.clear();
     found_.clear();
@@ -92,13 +100,29 @@ bool FrontierSearch::is_frontier(const OccupancyGrid& grid, const CellId id) {
 void FrontierSearch::scan_tile(const OccupancyGrid& grid, const std::int32_t slot) {
     if (!grid.on_floor(slot)) { return; }
     const Fence fence{p_};
-    for (std::int32_t k = 0; k < kTileArea; ++k) {
-        const CellId id = slot * kTileArea + k;
-        if (!is_frontier(grid, id)) { continue; }
-        const Cell c = grid.cell(id);
-        if (fence.depth_m(grid.geometry().centre_x_m(c), grid.geometry().centre_y_m(c)) < 0.0F) { continue; }
-        if (!cells_.push(id)) { return; }
-        mark(id, true);
+    // Rows of bits, a bit a cell: free cells with an unknown one over, under, left or right of them.
+    std::array<std::uint64_t, kTileCells> free_cells{};
+    std::array<std::uint64_t, kTileCells> unknown{};
+    for (std::int32_t j = 0; j < kTileCells; ++j) {
+        for (std::int32_t i = 0; i < kTileCells; i += 8) {
+            const ClassBits bits = grid.classes_of_eight(OccupancyGrid::id_in(slot, {i, j}));
+            free_cells[static_cast<std::size_t>(j)] |= std::uint64_t{bits.free} << static_cast<unsigned>(i);
+            unknown[static_cast<std::size_t>(j)] |= std::uint64_t{bits.unknown()} << static_cast<unsigned>(i);
+        }
+    }
+    constexpr std::uint64_t kRim = std::uint64_t{1} | std::uint64_t{1} << 63U;   // their neighbours lie in other tiles
+    for (std::size_t j = 0; j < kTileCells; ++j) {
+        const bool rim_row = j == 0U || j == kTileCells - 1U;
+        const std::uint64_t beside = rim_row ? ~std::uint64_t{0} : unknown[j - 1U] | unknown[j + 1U] | unknown[j] << 1U | unknown[j] >> 1U | kRim;
+        for (std::uint64_t left = free_cells[j] & beside; left != 0U; left &= left - 1U) {
+            const std::int32_t i = std::countr_zero(left);
+            const CellId id = OccupancyGrid::id_in(slot, {i, static_cast<std::int32_t>(j)});
+            if ((rim_row || (kRim >> static_cast<unsigned>(i) & 1U) != 0U) && !is_frontier(grid, id)) { continue; }
+            const Cell c = grid.cell(id);
+            if (fence.depth_m(grid.geometry().centre_x_m(c), grid.geometry().centre_y_m(c)) < 0.0F) { continue; }
+            if (!cells_.push(id)) { return; }
+            mark(id, true);
+        }
     }
 }
 
@@ -163,9 +187,8 @@ bool FrontierSearch::view(const OccupancyGrid& grid, const Traversability& where
     float best_score = best.view == kNoCell ? 1e9F : score_of(best.view, best.cost, std::hypot(best.view_x_m - best.x_m, best.view_y_m - best.y_m));
     bool found = false;
     for (std::int32_t k = 0; k < kRays; ++k) {
-        const float angle = 2.0F * kPi * static_cast<float>(k) / static_cast<float>(kRays);
-        const float ux = std::cos(angle);
-        const float uy = std::sin(angle);
+        const float ux = ray_x_[static_cast<std::size_t>(k)];
+        const float uy = ray_y_[static_cast<std::size_t>(k)];
         bool looked = false;
         bool into_unknown = false;
         for (float r = 0.0F; r <= distance_m; r += step_m) {

@@ -62,7 +62,7 @@ private:
 
 class FrontierSearch {
 public:
-    explicit FrontierSearch(const Parameters& parameters) : p_(parameters) {}
+    explicit FrontierSearch(const Parameters& parameters);
 
     void start();
     /// One slice; true: the pass is complete and found() holds it.
@@ -78,6 +78,7 @@ public:
     [[nodiscard]] static bool is_frontier(const OccupancyGrid& grid, CellId id);
 
 private:
+    static constexpr std::int32_t kRays = 96;         ///< lines of sight from a frontier cell
     static constexpr std::int32_t kTilesPerSlice = 24;
     static constexpr std::int32_t kGroupsPerSlice = 16;
     static constexpr std::int32_t kGroupRadius = 7;   ///< cells from the first one of a group; wider edges are several groups
@@ -99,6 +100,8 @@ private:
     void keep(const Frontier& f);
 
     const Parameters& p_;
+    std::array<float, kRays> ray_x_{};
+    std::array<float, kRays> ray_y_{};
     std::array<std::array<std::uint64_t, kTileCells>, kMaxTiles> marks_{};
     Bounded<CellId, kMaxFrontierCells> cells_;
     Bounded<CellId, kGroupCells> group_;

@@ -27,7 +27,7 @@ public:
     [[nodiscard]] bool led_nowhere() const { return led_nowhere_; }
 
 private:
-    static constexpr std::int32_t kSide = 320;   ///< cells of the area, centred on the start: 32 m at 0.10 m
+    static constexpr auto kSide = static_cast<std::int32_t>(kMaxPaperSide);   ///< cells of the area, centred on the start
     [[nodiscard]] double& at(const std::int32_t x, const std::int32_t y) { return phi_[static_cast<std::size_t>(y * kSide + x)]; }
     void relax(const MapView& map, Cell centre, std::int32_t half, std::int32_t budget_cells);
     void trace(const MapView& map, Cell centre, std::int32_t half);

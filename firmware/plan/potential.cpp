@@ -33,52 +33,72 @@ float Potential::value(const OccupancyGrid& grid, const CostField& field, const 
     return cost == CostField::kFar ? kInfinity : kNatsPerUnit * static_cast<float>(cost);
 }
 
+void Potential::mark_stale_round(const Cell c) {
+    for (std::int32_t dy = -1; dy <= 1; ++dy) {
+        for (std::int32_t dx = -1; dx <= 1; ++dx) { ring_[at({c.ix + dx, c.iy + dy})].stale = true; }
+    }
+}
+
+// Cells that come into the window start from the cost field; those that stay keep what they have. Where something changed, the
+// cells round it are stale.
+void Potential::refresh(const OccupancyGrid& grid, const Traversability& where, const CostField& field, const std::int32_t half) {
+    const bool all = !full_ || meaning_ != where.meaning();
+    meaning_ = where.meaning();
+    for (std::int32_t iy = centre_.iy - half; iy <= centre_.iy + half; ++iy) {
+        std::int32_t slot = -1;
+        for (std::int32_t ix = centre_.ix - half; ix <= centre_.ix + half; ++ix) {
+            const Cell c{ix, iy};
+            if (ix == centre_.ix - half || (ix & (kTileCells - 1)) == 0) { slot = grid.tile_slot(ix >> 6, iy >> 6); }
+            const CellId id = slot < 0 ? kNoCell : OccupancyGrid::id_in(slot, c);
+            const auto byte = static_cast<std::uint8_t>(slot < 0 ? 0 : where.byte(id));
+            Entry& e = ring_[at(c)];
+            const bool known = full_ && e.cell == c;
+            if (known && e.byte == byte && !all) { continue; }
+            if (!known) {
+                const std::uint32_t cost = field.cost(id);
+                e = {c, cost == CostField::kFar ? kInfinity : kNatsPerUnit * static_cast<float>(cost), byte, true};
+            }
+            e.byte = byte;
+            mark_stale_round(c);
+        }
+    }
+    if (full_) { return; }
+    constexpr std::int32_t kNowhere = std::numeric_limits<std::int32_t>::max();
+    // Entries outside the window still name cells of the field before: give them a name that no lookup asks for.
+    for (Entry& e : ring_) {
+        if (e.cell.ix == kNowhere) { continue; }
+        if (std::abs(e.cell.ix - centre_.ix) > half || std::abs(e.cell.iy - centre_.iy) > half) { e.cell = {kNowhere, 0}; }
+    }
+    full_ = true;
+}
+
 void Potential::relax(const OccupancyGrid& grid, const Traversability& where, const CostField& field, const float x_m,
                       const float y_m, const std::int32_t sweeps) {
-    const Cell centre = grid.geometry().cell(x_m, y_m);
+    centre_ = grid.geometry().cell(x_m, y_m);
     const auto half = std::min<std::int32_t>(static_cast<std::int32_t>(grid.geometry().to_cells(p_.potential_window_m)), kWindow / 2 - 2);
-    // Cells that come into the window start from the cost field; those that stay keep what they have.
-    for (std::int32_t iy = centre.iy - half; iy <= centre.iy + half; ++iy) {
-        for (std::int32_t ix = centre.ix - half; ix <= centre.ix + half; ++ix) {
-            const Cell c{ix, iy};
-            Entry& e = ring_[at(c)];
-            if (full_ && e.cell == c) { continue; }
-            const std::uint32_t cost = field.cost(grid.find(c));
-            e = {c, cost == CostField::kFar ? kInfinity : kNatsPerUnit * static_cast<float>(cost)};
-        }
-    }
-    if (!full_) {
-        constexpr std::int32_t kNowhere = std::numeric_limits<std::int32_t>::max();
-        // Entries outside the window still name cells of the field before: give them a name that no lookup asks for.
-        for (std::int32_t iy = 0; iy < kWindow; ++iy) {
-            for (std::int32_t ix = 0; ix < kWindow; ++ix) {
-                Entry& e = ring_[static_cast<std::size_t>(iy * kWindow + ix)];
-                if (e.cell.ix == kNowhere) { continue; }
-                if (std::abs(e.cell.ix - centre.ix) > half || std::abs(e.cell.iy - centre.iy) > half) { e.cell = {kNowhere, 0}; }
-            }
-        }
-        full_ = true;
-    }
-    centre_ = centre;
+    refresh(grid, where, field, half);
     for (std::int32_t sweep = 0; sweep < sweeps; ++sweep) {
         residual_ = 0.0F;
         backwards_ = !backwards_;
         for (std::int32_t a = -half + 1; a < half; ++a) {
             for (std::int32_t b = -half + 1; b < half; ++b) {
-                const Cell c{centre.ix + (backwards_ ? -b : b), centre.iy + (backwards_ ? -a : a)};
+                const Cell c{centre_.ix + (backwards_ ? -b : b), centre_.iy + (backwards_ ? -a : a)};
                 Entry& e = ring_[at(c)];
+                if (!e.stale) { continue; }
+                e.stale = false;
                 if (!(e.value > 0.0F) || e.value == kInfinity) { continue; }  // the goal, or not reached
-                const CellId id = grid.find(c);
-                if (!where.passable(id)) { continue; }
-                const float slow = where.slowness(id);
+                if (!where.passable_byte(e.byte)) { continue; }
+                const float slow = where.slowness_byte(e.byte);
+                const float straight = kStraight * slow;
+                const float diagonal = kDiagonal * slow;
                 std::array<float, 8> through{};
                 float best = kInfinity;
-                for (std::int32_t d = 0; d < 8; ++d) {
-                    const Cell n{c.ix + kNeighbourX[d], c.iy + kNeighbourY[d]};
+                for (std::size_t d = 0; d < 8; ++d) {
+                    const Entry& n = ring_[at({c.ix + kNeighbourX[d], c.iy + kNeighbourY[d]})];
                     // Where the hull does not fit phi is zero: those neighbours add nothing.
-                    const bool counts = where.passable(grid.neighbour(id, d)) || ring_[at(n)].value <= 0.0F;
-                    through[static_cast<std::size_t>(d)] = counts ? ring_[at(n)].value + ((d & 1) != 0 ? kDiagonal : kStraight) * slow : kInfinity;
-                    best = std::min(best, through[static_cast<std::size_t>(d)]);
+                    const bool counts = where.passable_byte(n.byte) || n.value <= 0.0F;
+                    through[d] = counts ? n.value + ((d & 1U) != 0 ? diagonal : straight) : kInfinity;
+                    best = std::min(best, through[d]);
                 }
                 if (best == kInfinity) { continue; }
                 float sum = 0.0F;
@@ -89,6 +109,7 @@ void Potential::relax(const OccupancyGrid& grid, const Traversability& where, co
                 if (relaxed < e.value) {  // phi only rises: docs/maths/potential.md, "why there is always a way up"
                     residual_ = std::max(residual_, e.value - relaxed);
                     e.value = relaxed;
+                    for (std::size_t d = 0; d < 8; ++d) { ring_[at({c.ix + kNeighbourX[d], c.iy + kNeighbourY[d]})].stale = true; }
                 }
             }
         }

@@ -4,7 +4,7 @@
 /// eight neighbours, less what is absorbed near obstacles. Kept as v = -ln(phi), so it does not underflow. It starts from the
 /// cost field, which is a lower bound of phi with a way up in every cell; relaxing only raises phi and keeps that way up,
 /// so the gradient is usable in every reachable cell after any number of sweeps.
-/// No heap. Cost per relax(): sweeps x window cells x 8.
+/// A cell is relaxed again only when something round it changed. No heap. Cost per relax(): at most sweeps x window cells x 8.
 #pragma once
 
 #include <array>
@@ -42,8 +42,16 @@ public:
     [[nodiscard]] float residual() const { return residual_; }
 
 private:
-    static constexpr std::int32_t kWindow = 64;   ///< ring of cells in both directions; the window uses up to 61
-    struct Entry { Cell cell; float value; };
+    static constexpr auto kWindow = static_cast<std::int32_t>(kPotentialWindow);   ///< ring of cells in both directions; the window uses up to three less
+    static_assert((kWindow & (kWindow - 1)) == 0, "addressed by mask");
+    struct Entry {
+        Cell cell;
+        float value;
+        std::uint8_t byte;   ///< what Traversability said of it
+        bool stale;          ///< its neighbourhood changed since it was relaxed last
+    };
+    void refresh(const OccupancyGrid& grid, const Traversability& where, const CostField& field, std::int32_t half);
+    void mark_stale_round(Cell c);
     [[nodiscard]] static std::size_t at(const Cell c) { return static_cast<std::size_t>((c.iy & (kWindow - 1)) * kWindow + (c.ix & (kWindow - 1))); }
     void smooth(const OccupancyGrid& grid, Bounded<PathPoint, kMaxPathPoints>& path) const;
 
@@ -51,6 +59,7 @@ private:
     std::array<Entry, static_cast<std::size_t>(kWindow) * kWindow> ring_{};
     bool full_ = false;
     Cell centre_;
+    std::uint32_t meaning_ = 0;   ///< of Traversability's bytes
     float residual_ = 0.0F;
     bool backwards_ = false;
 };

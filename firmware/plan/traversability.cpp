@@ -1,8 +1,10 @@
 #include "plan/traversability.hpp"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 
+#include "core/integer.hpp"
 #include "plan/target.hpp"
 
 namespace noctule {
@@ -13,6 +15,27 @@ constexpr std::int32_t kNearTiles = 1;        ///< tiles round the vehicle looke
 constexpr std::int32_t kFarTilesPerStep = 8;  ///< others, in turn
 constexpr std::int32_t kSide = 3 * kBlockCells;
 constexpr float kUnknownCells = 2.5F;         ///< an unknown cell whose centre is nearer than this is under the hull (0.25 m at 0.10 m)
+
+constexpr float kCapM = 0.01F * static_cast<float>(Traversability::kCapCm);
+
+using Row = std::array<float, kBlockCells>;
+
+// Takes a hit into account in the squared distances of the cells of a block, whose middles are given; the greatest of them is the cap.
+void near(const float x_m, const float y_m, const Row& middle_x_m, const Row& middle_y_m, std::array<Row, kBlockCells>& nearest_m2) {
+    const auto outside = [](const float at, const Row& middle) { return std::max({middle.front() - at, at - middle.back(), 0.0F}); };
+    const float away_x_m = outside(x_m, middle_x_m);
+    const float away_y_m = outside(y_m, middle_y_m);
+    if (away_x_m * away_x_m + away_y_m * away_y_m >= kCapM * kCapM) { return; }
+    Row x2_m2{};
+    for (std::size_t i = 0; i < kBlockCells; ++i) { x2_m2[i] = (x_m - middle_x_m[i]) * (x_m - middle_x_m[i]); }
+    for (std::size_t j = 0; j < kBlockCells; ++j) {
+        const float y2_m2 = (y_m - middle_y_m[j]) * (y_m - middle_y_m[j]);
+        for (std::size_t i = 0; i < kBlockCells; ++i) {
+            const float d2_m2 = x2_m2[i] + y2_m2;
+            nearest_m2[j][i] = d2_m2 < nearest_m2[j][i] ? d2_m2 : nearest_m2[j][i];
+        }
+    }
+}
 
 }  // namespace
 
@@ -38,10 +61,16 @@ void Traversability::load_parameters() {
         fence_ = fence;
         mark_all_stale();
     }
-    need_cm_ = std::clamp(static_cast<std::int32_t>(std::lround(100.0F * (p_.hull_radius_m + p_.plan_margin_m))), 1, kCapCm);
+    const std::int32_t need_cm = std::clamp(round_int(100.0F * (p_.hull_radius_m + p_.plan_margin_m)), 1, kCapCm);
+    bool changed = need_cm != need_cm_;
+    need_cm_ = need_cm;
     for (std::int32_t k = 0; k <= kCapCm; ++k) {
-        slowness_[static_cast<std::size_t>(k)] = p_.speed_max_m_s / speed_at_clearance_m_s(p_, 0.01F * static_cast<float>(k));
+        float& kept = slowness_[static_cast<std::size_t>(k)];
+        const float slow = p_.speed_max_m_s / speed_at_clearance_m_s(p_, 0.01F * static_cast<float>(k));
+        changed = changed || slow != kept;
+        kept = slow;
     }
+    meaning_ += changed ? 1U : 0U;
 }
 
 void Traversability::enqueue(const std::int32_t block) {
@@ -130,63 +159,56 @@ void Traversability::compute(const OccupancyGrid& grid, const std::int32_t block
     const GridTile& tile = grid.tile(slot);
     const std::int32_t x0 = tile.tile_x * kTileCells + (block & 7) * kBlockCells;       // first cell of the block
     const std::int32_t y0 = tile.tile_y * kTileCells + ((block >> 3) & 7) * kBlockCells;
-    std::array<CellClass, static_cast<std::size_t>(kSide * kSide)> cells{};
-    std::array<float, static_cast<std::size_t>(kSide * kSide)> hit_x{};
-    std::array<float, static_cast<std::size_t>(kSide * kSide)> hit_y{};
-    std::size_t hits = 0;
+    Row middle_x_m{};   // of its columns and rows
+    Row middle_y_m{};
+    for (std::int32_t k = 0; k < kBlockCells; ++k) {
+        middle_x_m[static_cast<std::size_t>(k)] = grid.geometry().centre_x_m({x0 + k, 0});
+        middle_y_m[static_cast<std::size_t>(k)] = grid.geometry().centre_y_m({0, y0 + k});
+    }
+    // Squared distance to the nearest hit, up to the cap, of the cells of the block; unknown cells of the 24 x 24 round it, a bit each.
+    std::array<Row, kBlockCells> nearest_m2{};
+    for (Row& row : nearest_m2) { row.fill(kCapM * kCapM); }
+    std::array<std::uint32_t, kSide> unknown{};
+    std::array<std::uint32_t, kBlockCells> free_cells{};
     bool any_unknown = false;
     for (std::int32_t by = -1; by <= 1; ++by) {
         for (std::int32_t bx = -1; bx <= 1; ++bx) {
-            const std::int32_t cx = x0 + bx * kBlockCells;
-            const std::int32_t cy = y0 + by * kBlockCells;
-            const std::int32_t s = grid.tile_slot(cx >> 6, cy >> 6);
+            const Cell first{x0 + bx * kBlockCells, y0 + by * kBlockCells};
+            const std::int32_t s = grid.tile_slot(first.ix >> 6, first.iy >> 6);
             for (std::int32_t j = 0; j < kBlockCells; ++j) {
-                for (std::int32_t i = 0; i < kBlockCells; ++i) {
-                    const CellId id = s < 0 ? kNoCell : s * kTileArea + ((cy + j) & 63) * kTileCells + ((cx + i) & 63);
-                    const CellClass k = grid.cell_class(id);
-                    cells[static_cast<std::size_t>((by * kBlockCells + j + kBlockCells) * kSide + bx * kBlockCells + i + kBlockCells)] = k;
-                    any_unknown = any_unknown || k == CellClass::unknown;
-                    if (k != CellClass::occupied) { continue; }
+                const CellId id = s < 0 ? kNoCell : OccupancyGrid::id_in(s, {first.ix, first.iy + j});
+                const ClassBits bits = s < 0 ? ClassBits{} : grid.classes_of_eight(id);
+                unknown[static_cast<std::size_t>((by + 1) * kBlockCells + j)] |= bits.unknown() << static_cast<unsigned>((bx + 1) * kBlockCells);
+                any_unknown = any_unknown || bits.unknown() != 0U;
+                if (bx == 0 && by == 0) { free_cells[static_cast<std::size_t>(j)] = bits.free; }
+                for (std::uint32_t left = bits.occupied; left != 0U; left &= left - 1U) {
                     float x_m = 0.0F;
                     float y_m = 0.0F;
-                    grid.hit_point(id, x_m, y_m);
-                    hit_x[hits] = x_m;
-                    hit_y[hits] = y_m;
-                    ++hits;
+                    grid.hit_point(id + std::countr_zero(left), x_m, y_m);
+                    near(x_m, y_m, middle_x_m, middle_y_m, nearest_m2);
                 }
             }
         }
     }
-    const float cap_m = 0.01F * static_cast<float>(kCapCm);
     constexpr auto kReach = static_cast<std::int32_t>(kUnknownCells);
+    auto& values = value_[static_cast<std::size_t>(slot)];
     for (std::int32_t j = 0; j < kBlockCells; ++j) {
-        for (std::int32_t i = 0; i < kBlockCells; ++i) {
-            const std::int32_t at = (j + kBlockCells) * kSide + i + kBlockCells;
-            std::uint8_t result = 0;
-            if (cells[static_cast<std::size_t>(at)] == CellClass::free) {
-                const float x_m = grid.geometry().centre_x_m({x0 + i, 0});
-                const float y_m = grid.geometry().centre_y_m({0, y0 + j});
-                const bool inside = fence_.depth_m(x_m, y_m) >= kFenceInsetM;
-                float best = cap_m * cap_m;
-                for (std::size_t k = 0; k < hits; ++k) {
-                    const float dx = hit_x[k] - x_m;
-                    const float dy = hit_y[k] - y_m;
-                    best = std::min(best, dx * dx + dy * dy);
-                }
-                result = inside ? static_cast<std::uint8_t>(std::clamp(static_cast<std::int32_t>(100.0F * std::sqrt(best)), 1, kCapCm)) : std::uint8_t{0};
-                if (any_unknown && inside) {
-                    for (std::int32_t dy = -kReach; dy <= kReach; ++dy) {
-                        for (std::int32_t dx = -kReach; dx <= kReach; ++dx) {
-                            const auto d2 = static_cast<float>(dx * dx + dy * dy);
-                            if (d2 <= kUnknownCells * kUnknownCells && cells[static_cast<std::size_t>(at + dy * kSide + dx)] == CellClass::unknown) {
-                                result |= 0x80U;
-                            }
-                        }
-                    }
-                }
+        std::uint32_t under = 0;   // bit i: something unknown lies under the hull in cell i of the row
+        for (std::int32_t dy = -kReach; any_unknown && dy <= kReach; ++dy) {
+            const std::uint32_t row = unknown[static_cast<std::size_t>(j + kBlockCells + dy)] >> static_cast<unsigned>(kBlockCells - kReach);
+            for (std::int32_t dx = -kReach; dx <= kReach; ++dx) {
+                if (static_cast<float>(dx * dx + dy * dy) <= kUnknownCells * kUnknownCells) { under |= row >> static_cast<unsigned>(dx + kReach); }
             }
-            const CellId id = slot * kTileArea + ((y0 + j) & 63) * kTileCells + ((x0 + i) & 63);
-            value_[static_cast<std::size_t>(slot)][static_cast<std::size_t>(id & 4095)] = result;
+        }
+        for (std::int32_t i = 0; i < kBlockCells; ++i) {
+            const auto ki = static_cast<std::size_t>(i);
+            const auto kj = static_cast<std::size_t>(j);
+            std::uint8_t result = 0;
+            if ((free_cells[kj] >> ki & 1U) != 0U && fence_.depth_m(middle_x_m[ki], middle_y_m[kj]) >= kFenceInsetM) {
+                result = static_cast<std::uint8_t>(std::clamp(static_cast<std::int32_t>(100.0F * std::sqrt(nearest_m2[kj][ki])), 1, kCapCm));
+                if ((under >> ki & 1U) != 0U) { result |= 0x80U; }
+            }
+            values[static_cast<std::size_t>(((y0 + j) & 63) * kTileCells + ((x0 + i) & 63))] = result;
         }
     }
 }

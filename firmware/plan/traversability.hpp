@@ -6,6 +6,7 @@
 /// a bounded number a step. No heap.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
 
@@ -29,13 +30,23 @@ public:
     static constexpr std::int32_t kCapCm = 80;   ///< distances are known up to here
 
     /// Distance of a free cell's centre to the nearest hit [cm], at most kCapCm; 0: not free, or outside the fence.
-    [[nodiscard]] std::int32_t clearance_cm(const CellId id) const { return id == kNoCell ? 0 : value(id) & 0x7F; }
+    [[nodiscard]] std::int32_t clearance_cm(const CellId id) const { return id == kNoCell ? 0 : byte(id) & 0x7F; }
     /// True: hull and margin fit, and nothing unknown is under the hull.
-    [[nodiscard]] bool passable(const CellId id) const { return id != kNoCell && value(id) >= need_cm_ && value(id) < 0x80; }
+    [[nodiscard]] bool passable(const CellId id) const { return id != kNoCell && passable_byte(byte(id)); }
     /// True: free, and the vehicle may stand there if it came there, but no path leads through.
-    [[nodiscard]] bool tight(const CellId id) const { return id != kNoCell && (value(id) & 0x7F) >= kTightCm; }
+    [[nodiscard]] bool tight(const CellId id) const { return id != kNoCell && tight_byte(byte(id)); }
     /// Time to cross a unit of length there, against crossing it at full speed; at least 1. docs/maths/potential.md, equation (5).
     [[nodiscard]] float slowness(const CellId id) const { return slowness_[static_cast<std::size_t>(clearance_cm(id))]; }
+
+    // The same by the byte that is kept of a cell, for loops that look at many: clearance in cm; +128: something unknown under the hull.
+    [[nodiscard]] std::int32_t byte(const CellId id) const {
+        return value_[static_cast<std::size_t>(id >> 12)][static_cast<std::size_t>(id & 4095)];
+    }
+    [[nodiscard]] bool passable_byte(const std::int32_t byte) const { return byte >= need_cm_ && byte < 0x80; }
+    [[nodiscard]] static bool tight_byte(const std::int32_t byte) { return (byte & 0x7F) >= kTightCm; }
+    [[nodiscard]] float slowness_byte(const std::int32_t byte) const { return slowness_[static_cast<std::size_t>(std::min(byte & 0x7F, kCapCm))]; }
+    /// Rises when parameters change what a byte means.
+    [[nodiscard]] std::uint32_t meaning() const { return meaning_; }
 
     [[nodiscard]] std::size_t blocks_waiting() const { return queue_size_; }
     [[nodiscard]] std::uint32_t blocks_done() const { return blocks_done_; }
@@ -43,9 +54,6 @@ public:
 private:
     static constexpr std::int32_t kTightCm = 15;
     static constexpr std::int32_t kBlocksPerStep = 160;
-    [[nodiscard]] std::int32_t value(const CellId id) const {
-        return value_[static_cast<std::size_t>(id >> 12)][static_cast<std::size_t>(id & 4095)];
-    }
     void load_parameters();
     void mark_all_stale();
     void look_for_changes(const OccupancyGrid& grid, std::int32_t slot);
@@ -53,7 +61,7 @@ private:
     void compute(const OccupancyGrid& grid, std::int32_t block);
 
     const Parameters& p_;
-    std::array<std::array<std::uint8_t, kTileArea>, kMaxTiles> value_{};   ///< clearance in cm; +128: something unknown under the hull
+    std::array<std::array<std::uint8_t, kTileArea>, kMaxTiles> value_{};
     std::array<std::array<std::uint16_t, kTileBlocks>, kMaxTiles> seen_{}; ///< versions taken up
     std::array<std::uint64_t, kMaxTiles> waiting_{};                       ///< bit: block is in the queue
     std::array<std::int32_t, kMaxDirtyBlocks> queue_{};                    ///< ring of slot * 64 + block
@@ -61,6 +69,7 @@ private:
     std::size_t queue_size_ = 0;
     std::array<float, kCapCm + 1> slowness_{};
     std::int32_t need_cm_ = 33;
+    std::uint32_t meaning_ = 0;
     Fence fence_;
     std::int32_t next_tile_ = 0;
     std::uint32_t blocks_done_ = 0;

@@ -28,20 +28,25 @@ POINTERS = {r"7NavNode": r"12_GLOBAL__N_1.*(7publish|12monotonic_ns)",
             r"^_ZN7noctule(8Explorer|7Mission)": r"^_ZN7noctule\d+\w*Policy(5begin|4step)E"}
 ROOTS = {"Navigator::step": r"9Navigator4stepE", "NavNode::step, with publishing": r"7NavNode4stepE", "NavNode::receive, a message": r"7NavNode7receiveE"}
 _CONSTANT = re.compile(r"inline constexpr \S+ (k\w+) = ([^;]+);\s*///< (.*)")
+PROFILES = ("full", "small", "micro")
 _OPERATORS = {ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.FloorDiv: operator.floordiv, ast.Div: operator.floordiv}
 
 
-def evaluate(text: str, known: dict[str, int]) -> int:
-    """A sum or product of whole numbers and constants named before.
+def evaluate(text: str, known: dict[str, int], profile: str = "full") -> int:
+    """A sum or product of whole numbers and constants named before, or a choice by capacity profile.
 
     >>> evaluate("kA + 8 * 2", {"kA": 4})
     20
+    >>> evaluate("by_profile(768, 256, 12)", {}, "micro")
+    12
     """
     def value(node):
         if isinstance(node, ast.Constant):
             return int(node.value)
         if isinstance(node, ast.Name):
             return known[node.id]
+        if isinstance(node, ast.Call):   # by_profile(full, small, micro)
+            return value(node.args[PROFILES.index(profile)])
         if isinstance(node, ast.BinOp):
             return _OPERATORS[type(node.op)](value(node.left), value(node.right))
         raise ValueError(text)
@@ -49,12 +54,12 @@ def evaluate(text: str, known: dict[str, int]) -> int:
     return value(ast.parse(re.sub(r"\b(\d+)[uUlL]+\b", r"\1", text), mode="eval").body)
 
 
-def capacities(text: str) -> list[tuple[str, int, str, str]]:
+def capacities(text: str, profile: str = "full") -> list[tuple[str, int, str, str]]:
     """(constant, value, what it holds, what happens when full) of core/capacity.hpp, whose comments are 'what; when full'."""
     rows, known = [], {}
     for name, expression, comment in _CONSTANT.findall(text):
         try:
-            known[name] = evaluate(expression.strip(), known)
+            known[name] = evaluate(expression.strip(), known, profile)
         except (KeyError, ValueError, SyntaxError):
             continue
         what, _, full = comment.partition("; ")
