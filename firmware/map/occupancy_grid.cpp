@@ -401,27 +401,27 @@ float OccupancyGrid::clearance_m(const float x_m, const float y_m, const float r
     const Cell centre = geometry_.cell(x_m, y_m);
     const auto reach = static_cast<std::int32_t>(std::ceil(geometry_.to_cells(radius_m)));
     float best = radius_m * radius_m;
-    std::int32_t tile_x = std::numeric_limits<std::int32_t>::min();
-    std::int32_t tile_y = tile_x;
-    std::int32_t slot = -1;
+    const std::int32_t x1 = centre.ix + reach;
+    // Eight cells of a row at a time; those outside the square are masked.
     for (std::int32_t iy = centre.iy - reach; iy <= centre.iy + reach; ++iy) {
-        for (std::int32_t ix = centre.ix - reach; ix <= centre.ix + reach; ++ix) {
-            if ((ix >> 6) != tile_x || (iy >> 6) != tile_y) {
-                tile_x = ix >> 6;
-                tile_y = iy >> 6;
-                slot = tile_slot(tile_x, tile_y);
-            }
+        std::int32_t slot = -1;
+        for (std::int32_t x8 = (centre.ix - reach) & ~7; x8 <= x1; x8 += 8) {
+            if ((x8 & 63) == 0 || x8 <= centre.ix - reach) { slot = tile_slot(x8 >> 6, iy >> 6); }
             if (slot < 0) { continue; }
-            const CellId id = slot * kTileArea + (iy & 63) * kTileCells + (ix & 63);
-            if (cell_class(id) != CellClass::occupied) { continue; }
-            float hx = 0.0F;
-            float hy = 0.0F;
-            hit_point(id, hx, hy);
-            const float d2 = (hx - x_m) * (hx - x_m) + (hy - y_m) * (hy - y_m);
-            if (d2 < best) {
-                best = d2;
-                if (at_x_m != nullptr) { *at_x_m = hx; }
-                if (at_y_m != nullptr) { *at_y_m = hy; }
+            const CellId id8 = id_in(slot, {x8, iy});
+            std::uint32_t left = classes_of_eight(id8).occupied;
+            if (x8 < centre.ix - reach) { left &= 0xFFU << static_cast<unsigned>(centre.ix - reach - x8); }
+            if (x8 + 7 > x1) { left &= 0xFFU >> static_cast<unsigned>(x8 + 7 - x1); }
+            for (; left != 0U; left &= left - 1U) {
+                float hx = 0.0F;
+                float hy = 0.0F;
+                hit_point(id8 + std::countr_zero(left), hx, hy);
+                const float d2 = (hx - x_m) * (hx - x_m) + (hy - y_m) * (hy - y_m);
+                if (d2 < best) {
+                    best = d2;
+                    if (at_x_m != nullptr) { *at_x_m = hx; }
+                    if (at_y_m != nullptr) { *at_y_m = hy; }
+                }
             }
         }
     }

@@ -8,8 +8,10 @@
 #pragma once
 
 #include <array>
+#include <bit>
 #include <cstddef>
 #include <cstdint>
+#include <cstring>
 
 #include "core/capacity.hpp"
 #include "estimate/estimate.hpp"
@@ -102,13 +104,12 @@ public:
     }
     /// Of the cells id to id + 7, which must lie in one tile.
     [[nodiscard]] ClassBits classes_of_eight(const CellId id) const {
-        const std::int8_t* const l = &tiles_[static_cast<std::size_t>(id >> 12)].log_odds[static_cast<std::size_t>(id & 4095)];
-        ClassBits bits;
-        for (std::uint32_t k = 0; k < 8U; ++k) {
-            bits.free |= static_cast<std::uint32_t>(l[k] <= free_) << k;
-            bits.occupied |= static_cast<std::uint32_t>(l[k] >= occupied_) << k;
-        }
-        return bits;
+        std::uint64_t log_odds = 0;   // eight numbers at once; bit 7 of each is its sign, occupied_ > 0 > free_
+        std::memcpy(&log_odds, &tiles_[static_cast<std::size_t>(id >> 12)].log_odds[static_cast<std::size_t>(id & 4095)], sizeof log_odds);
+        const std::uint64_t low = log_odds & ~kSigns;
+        const std::uint64_t occupied = (low + kEach * static_cast<std::uint64_t>(128 - occupied_)) & ~log_odds & kSigns;
+        const std::uint64_t free = ~(low + kEach * static_cast<std::uint64_t>(-1 - free_)) & log_odds & kSigns;
+        return {packed_signs(free), packed_signs(occupied)};
     }
     [[nodiscard]] CellClass cell_class(const Cell c) const { return cell_class(find(c)); }
     /// Mean hit of an occupied cell, frame Map.
@@ -155,6 +156,13 @@ public:
     [[nodiscard]] const Counters& counters() const { return counters_; }
 
 private:
+    static constexpr std::uint64_t kEach = 0x0101010101010101ULL;
+    static constexpr std::uint64_t kSigns = kEach << 7U;
+    /// Bit k: the sign of byte k.
+    [[nodiscard]] static constexpr std::uint32_t packed_signs(const std::uint64_t signs) {
+        static_assert(std::endian::native == std::endian::little);
+        return static_cast<std::uint32_t>(((signs >> 7U) * 0x0102040810204080ULL) >> 56U);
+    }
     [[nodiscard]] CellClass class_of(const std::int8_t log_odds) const {
         if (log_odds >= occupied_) { return CellClass::occupied; }
         return log_odds <= free_ ? CellClass::free : CellClass::unknown;

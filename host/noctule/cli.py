@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import sys
 from pathlib import Path
 
@@ -222,6 +223,12 @@ def parser() -> argparse.ArgumentParser:
                                                                               "passages, refused openings, objects.")
     atlas.add_argument("file", type=Path, metavar="FILE")
     atlas.add_argument("--picture", type=Path, metavar="PNG", help="draw the floor plans and the building")
+
+    calibrate = commands.add_parser("calibrate", help="how a sensor is mounted", description="Mounting yaw, place and tilt of the laser from a recorded turn in place that "
+                                    "began with the nose square to a flat wall (docs/hardware.md). Prints lines for parameters.toml.")
+    calibrate.add_argument("sensor", choices=("lidar",))
+    calibrate.add_argument("log", type=Path, metavar="LOG", help="recorded flight.lcm with SCAN and IMU")
+    calibrate.add_argument("--yaw-near", type=float, default=0.0, metavar="DEG", help="mounting yaw within 25 degrees, for a laser that does not look ahead (default 0)")
     return top
 
 
@@ -345,11 +352,18 @@ def _atlas(options) -> int:
     return 0
 
 
+def _calibrate(options) -> int:
+    from noctule import calibrate_lidar
+
+    print(calibrate_lidar.text(calibrate_lidar.calibrate(calibrate_lidar.read_turn(options.log), math.radians(options.yaw_near))))
+    return 0
+
+
 def main(arguments=None) -> int:
     """Runs the command; returns its exit code."""
     options = parser().parse_args(arguments)
     action = {"fly": _fly, "worlds": _worlds, "bench": _bench, "replay": _replay, "report": _report, "export": _export, "campaign": _campaign,
-              "compare": _compare, "objects": _objects, "atlas": _atlas}[options.command]
+              "compare": _compare, "objects": _objects, "atlas": _atlas, "calibrate": _calibrate}[options.command]
     try:
         return action(options)
     except InputError as error:

@@ -1,6 +1,7 @@
 /// core/integer: the same whole numbers as the C library.
 #include <cmath>
 #include <cstdint>
+#include <initializer_list>
 #include <limits>
 
 #include <unity.h>
