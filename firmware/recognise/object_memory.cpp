@@ -23,6 +23,15 @@ constexpr std::int32_t kConfirmSightings = 7;
 constexpr double kConfirmWhole = 2.0;      // good sightings: whole, with a range of its own
 constexpr std::int64_t kConfirmAge_us = 600000;
 constexpr double kConfirmSigma_m = 0.35;
+constexpr std::int32_t kConfirmPlaces = 2;   // places of the camera
+constexpr std::int32_t kConfirmRanged = 2;   // sightings that the laser ranged; else the lines of sight must meet where the object is
+constexpr double kMeetSigma_m = 0.40;
+constexpr double kMeetOff_m = 0.30;
+constexpr std::int32_t kMeetPlaces = 4;
+constexpr double kMeetApart_rad = 0.04;      // lines that miss each other by more are not of one thing
+constexpr double kRefuteOff_m = 0.60;
+constexpr double kAbsentStep_m = 0.15;
+constexpr std::int32_t kAbsent = 5;          // places from which it was not to be seen, and more than those from which it was
 constexpr std::int64_t kForget_us = 30000000;   // a candidate that was not seen for so long goes
 constexpr double kWidthLeast_m = 0.12;
 constexpr double kPatch = 0.5;              // a region narrower than this share of the object is a patch of it
@@ -73,6 +82,10 @@ void mean_into(double& mean, double& weight, const double value, const double w)
 /// Whether two heights can belong to one thing.
 bool heights_meet(const double z_a, const double height_a, const double z_b, const double height_b) {
     return std::fabs(z_a - z_b) < 0.5 * (height_a + height_b) + 0.2;
+}
+
+double away_m(const Vec3& point_m, const KnownObject& object) {
+    return std::hypot(point_m[0] - object.x_m, point_m[1] - object.y_m, point_m[2] - object.z_m);
 }
 
 }  // namespace
@@ -194,6 +207,8 @@ void ObjectMemory::fuse(KnownObject& object, const Observation& observation) {
     // The wall behind is no range of the thing itself, and the floor far off a poor one: many such sightings are wanted.
     const bool own_range = p.source == RangeSource::laser || (p.source == RangeSource::floor && p.along_sigma_m < 0.3);
     object.strong += p.whole ? (own_range ? 1.0 : 0.15) : 0.0;
+    object.ranged += p.whole && p.source == RangeSource::laser ? 1 : 0;
+    if (p.whole && p.tall) { object.parallax.add(p.eye_m, p.bearing_rad, p.slope, p.distance_m); }
     mean_into(object.features_mean, object.signature_weight, static_cast<double>(observation.features.size()), 1.0);
     const float share = static_cast<float>(1.0 / std::min(object.signature_weight, 30.0));
     for (std::size_t i = 0; i < kColourBins; ++i) { object.signature.colour[i] += share * (observation.signature.colour[i] - object.signature.colour[i]); }
@@ -222,11 +237,34 @@ void ObjectMemory::fuse(KnownObject& object, const Observation& observation) {
         solve(object);
     }
     keep_view(object, observation);
-    if (!object.confirmed && object.sightings >= kConfirmSightings && object.strong >= kConfirmWhole &&
-        object.last_seen_us - object.first_seen_us >= kConfirmAge_us && object.sigma_m() < kConfirmSigma_m &&
-        std::max(object.width_m, object.height_m) >= kWidthLeast_m) {
-        object.confirmed = true;
-    }
+    if (!object.confirmed && sure(object)) { object.confirmed = true; }
+}
+
+bool ObjectMemory::sure(const KnownObject& object) const {
+    const bool seen_enough = object.sightings >= kConfirmSightings && object.strong >= kConfirmWhole && object.parallax.places() >= kConfirmPlaces &&
+                             object.last_seen_us - object.first_seen_us >= kConfirmAge_us;
+    if (!seen_enough || object.sigma_m() >= kConfirmSigma_m || std::max(object.width_m, object.height_m) < kWidthLeast_m) { return false; }
+    if (object.ranged >= kConfirmRanged) { return true; }
+    // Its range rests on an assumption, that it stands on this floor or hangs on that wall: the lines of sight must agree, equation (28).
+    Parallax::Meeting m;
+    if (!object.parallax.meet(m) || object.parallax.places() < kMeetPlaces || m.sigma_m > kMeetSigma_m || m.apart_rad > kMeetApart_rad) { return false; }
+    return away_m(m.point_m, object) < kMeetOff_m + m.sigma_m;
+}
+
+bool ObjectMemory::refuted(const KnownObject& object) const {
+    if (object.ranged >= kConfirmRanged) { return false; }
+    if (object.absent >= kAbsent && object.absent > object.parallax.places()) { return true; }
+    Parallax::Meeting m;
+    if (!object.parallax.meet(m) || m.sigma_m > kMeetSigma_m) { return false; }
+    return away_m(m.point_m, object) > kRefuteOff_m + 3.0 * m.sigma_m;
+}
+
+void ObjectMemory::note_absent(const std::size_t index, const Vec3& eye_m) {
+    KnownObject& object = objects_[index];
+    const Vec3& last = object.absent_m;
+    if (object.absent > 0 && std::hypot(eye_m[0] - last[0], eye_m[1] - last[1], eye_m[2] - last[2]) < kAbsentStep_m) { return; }
+    object.absent_m = eye_m;
+    ++object.absent;
 }
 
 void ObjectMemory::solve(KnownObject& object) const {
@@ -319,6 +357,9 @@ void ObjectMemory::join(const std::size_t into, const std::size_t from) {
     a.sightings += b.sightings;
     a.whole += b.whole;
     a.strong += b.strong;
+    a.ranged += b.ranged;
+    a.absent = std::min(a.absent, b.absent);
+    a.parallax.add(b.parallax);
     a.first_seen_us = std::min(a.first_seen_us, b.first_seen_us);
     a.last_seen_us = std::max(a.last_seen_us, b.last_seen_us);
     a.confirmed = a.confirmed || b.confirmed;
@@ -368,7 +409,11 @@ void ObjectMemory::tidy(const std::int64_t t_us) {
     }
     for (std::size_t i = objects_.size(); i-- > 0;) {
         KnownObject& object = objects_[i];
-        if (object.placed && !object.confirmed && t_us - object.last_seen_us > kForget_us) {
+        if (!object.placed) { continue; }
+        if (refuted(object)) {
+            remove(i, 0);
+            ++counters_.refuted;
+        } else if (!object.confirmed && t_us - object.last_seen_us > kForget_us) {
             remove(i, 0);
             ++counters_.dropped;
         }

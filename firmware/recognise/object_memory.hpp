@@ -11,6 +11,7 @@
 
 #include "core/bounded.hpp"
 #include "core/capacity.hpp"
+#include "recognise/parallax.hpp"
 #include "recognise/place.hpp"
 #include "recognise/plane_fit.hpp"
 #include "recognise/signature.hpp"
@@ -67,6 +68,10 @@ struct KnownObject {
     std::int32_t sightings = 0;
     std::int32_t whole = 0;          ///< of them whole ones
     double strong = 0.0;             ///< whole ones with a range of their own; poorer ones count a part
+    std::int32_t ranged = 0;         ///< whole ones that the laser ranged
+    Parallax parallax;               ///< of the sightings of this session that showed it in full
+    Vec3 absent_m{};                 ///< the last place from which it should have been seen and was not
+    std::int32_t absent = 0;         ///< such places
     std::array<SectorInformation, kSectors> sectors{};
     std::array<ObjectView, kMaxObjectViews> views{};
     bool changed = false;            ///< not yet in the database
@@ -96,6 +101,7 @@ struct MemoryCounters {
     std::uint32_t created = 0;
     std::uint32_t merged = 0;
     std::uint32_t dropped = 0;           ///< candidates that were not seen again
+    std::uint32_t refuted = 0;           ///< candidates that are not where they seemed to be
     std::uint32_t refused = 0;           ///< no room
     std::uint32_t reunited = 0;          ///< known from an earlier session
 };
@@ -112,6 +118,9 @@ public:
 
     /// Enters one observation. Returns the index of its object in objects(), or -1 (no place, or no room).
     int enter(const Observation& observation);
+
+    /// The object with that index should have been seen from there, and was not.
+    void note_absent(std::size_t index, const Vec3& eye_m);
 
     /// After the observations of a frame: joins what turned out to be one, drops candidates that stayed alone.
     /// The indices that enter() returned no longer hold.
@@ -140,6 +149,8 @@ private:
     void fuse(KnownObject& object, const Observation& observation);
     void keep_view(KnownObject& object, const Observation& observation);
     void solve(KnownObject& object) const;
+    [[nodiscard]] bool sure(const KnownObject& object) const;
+    [[nodiscard]] bool refuted(const KnownObject& object) const;
     [[nodiscard]] bool same(const KnownObject& a, const KnownObject& b) const;
     void join(std::size_t into, std::size_t from);
     void remove(std::size_t index, std::int64_t into);

@@ -47,7 +47,7 @@ struct State {
     double weights[6] = {};              // z, width, height, signature, features, strong
     SectorInformation sectors[kSectors];
     std::int32_t whole = 0;
-    std::int32_t padding = 0;
+    std::int32_t ranged = 0;             // by the laser
 };
 static_assert(sizeof(State) == 6 * 8 + kSectors * 48 + 8);
 
@@ -229,6 +229,7 @@ bool ObjectStore::load(ObjectMemory& memory, const bool resume) {
         o.features_mean = state.weights[4];
         o.strong = state.weights[5];
         o.whole = state.whole;
+        o.ranged = state.ranged;
         std::copy(std::begin(state.sectors), std::end(state.sectors), o.sectors.begin());
         read_floats(s, 16, o.signature.colour);
         read_floats(s, 17, o.signature.moments);
@@ -363,6 +364,7 @@ bool ObjectStore::write_object(const KnownObject& o) {
     std::copy(std::begin(weights), std::end(weights), std::begin(state.weights));
     std::copy(o.sectors.begin(), o.sectors.end(), std::begin(state.sectors));
     state.whole = o.whole;
+    state.ranged = o.ranged;
     bind_blob(s, 16, &state, sizeof state);
     sqlite3_bind_int(s, 17, o.textured() ? 1 : 0);
     bind_blob(s, 18, o.signature.colour.data(), sizeof o.signature.colour);

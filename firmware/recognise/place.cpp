@@ -4,6 +4,8 @@
 #include <cmath>
 #include <limits>
 
+#include "recognise/region_split.hpp"
+
 namespace noctule {
 namespace {
 
@@ -17,52 +19,27 @@ constexpr double kPixelSigma_px = 1.5;    // of the side of a region
 constexpr int kBorder_px = 2;             // a region that comes this close to the border may go on beyond it
 constexpr int kBeside_px = 14;            // where to look for the depth beside a region
 constexpr int kInside_px = 2;              // a hit nearer to the side of a region may have gone past it
+constexpr int kTilt_px = 4;                // two sigmas of the tilt: a hit nearer to the top of a region may have gone over it
+constexpr double kCutShare = 0.7;          // of the way to where the ray of the frame's lowest row meets the floor, for what is cut by it
+constexpr double kCutSigma = 0.25;
+constexpr double kUnder_m = 0.15;
 constexpr std::size_t kLeastHits = 2;
 constexpr double kParallax_px = 12.0;      // how far camera and laser may differ about the side of a thing
 constexpr double kNearest_m = 0.25;
+constexpr double kShowNear_m = 0.8;        // what stands between these distances and so far inside the frame is seen, if it is there
+constexpr double kShowFar_m = 3.5;
+constexpr double kShowBorder_px = 20.0;
 constexpr double kFarthest_m = 12.0;
 
 double wrap(const double a) { return std::remainder(a, 6.283185307179586); }
-
-/// The part of a region between two columns: box, area and centroid of its own pixels.
-Region cut(const cv::Mat& labels, const Region& region, const int from, const int to) {
-    Region part;
-    part.label = region.label;
-    int left = to + 1;
-    int right = from - 1;
-    int top = region.top_px + region.height_px;
-    int bottom = region.top_px - 1;
-    double sum_x = 0.0;
-    double sum_y = 0.0;
-    for (int y = region.top_px; y < region.top_px + region.height_px; ++y) {
-        const int* const line = labels.ptr<int>(y);
-        for (int x = from; x <= to; ++x) {
-            if (line[x] != region.label) { continue; }
-            ++part.area_px;
-            sum_x += x;
-            sum_y += y;
-            left = std::min(left, x);
-            right = std::max(right, x);
-            top = std::min(top, y);
-            bottom = std::max(bottom, y);
-        }
-    }
-    if (part.area_px == 0) { return part; }
-    part.x_px = static_cast<float>(sum_x / part.area_px);
-    part.y_px = static_cast<float>(sum_y / part.area_px);
-    part.left_px = left;
-    part.top_px = top;
-    part.width_px = right - left + 1;
-    part.height_px = bottom - top + 1;
-    return part;
-}
 
 bool in_region(const cv::Mat& labels, const Region& region, const double u_px, const double v_px) {
     const int x = static_cast<int>(std::lround(u_px));
     const int y = static_cast<int>(std::lround(v_px));
     return x >= region.left_px && y >= region.top_px && x < region.left_px + region.width_px && y < region.top_px + region.height_px &&
            labels.at<int>(y, x) == region.label && labels.at<int>(y, std::max(x - kInside_px, 0)) == region.label &&
-           labels.at<int>(y, std::min(x + kInside_px, labels.cols - 1)) == region.label;
+           labels.at<int>(y, std::min(x + kInside_px, labels.cols - 1)) == region.label && labels.at<int>(std::max(y - kTilt_px, 0), x) == region.label &&
+           labels.at<int>(std::min(y + kTilt_px, labels.rows - 1), x) == region.label;
 }
 
 }  // namespace
@@ -98,6 +75,19 @@ void Placer::start(const CameraModel& camera, const VehiclePose& pose, const std
         if (!gone[i]) { hits_[kept++] = hits_[i]; }
     }
     while (hits_.size() > kept) { hits_.remove_unordered(hits_.size() - 1); }
+}
+
+bool Placer::should_show(const Vec3& point_map_m, double& u_px, double& v_px) const {
+    const double distance_m = std::hypot(point_map_m[0] - eye_[0], point_map_m[1] - eye_[1]);
+    if (distance_m < kShowNear_m || distance_m > kShowFar_m || !camera_->pixel(pose_.to_body(point_map_m), u_px, v_px)) { return false; }
+    if (u_px < kShowBorder_px || v_px < kShowBorder_px || u_px > camera_->width - kShowBorder_px || v_px > camera_->height - kShowBorder_px) { return false; }
+    std::size_t beyond = 0;
+    for (const Hit& hit : hits_) {
+        if (std::fabs(hit.u_px - u_px) > kBeside_px) { continue; }
+        if (hit.distance_m < distance_m - kHidden_m) { return false; }
+        ++beyond;
+    }
+    return beyond >= kLeastHits;
 }
 
 double Placer::bearing_of(const double u_px, const double v_px, double& slope) const {
@@ -156,7 +146,7 @@ void Placer::find(const cv::Mat& labels, const Region& region, Parts& out) const
     }
     for (std::size_t k = 0; k <= count; ++k) {
         const int to = k < count ? std::clamp(cuts[k], from, end) : end;
-        const Region part = count == 0 ? region : cut(labels, region, from, to);
+        const Region part = count == 0 ? region : region_within(labels, region, {from, region.top_px, to - from + 1, region.height_px});
         from = to + 1;
         if (part.area_px < 30 || part.width_px < 4) { continue; }
         static_cast<void>(out.push({part, place(labels, part)}));
@@ -178,9 +168,10 @@ Placement Placer::place(const cv::Mat& labels, const Region& region) const {
     const double half_rad = 0.5 * wrap(left_rad - right_rad);
     double middle_rad = wrap(right_rad + half_rad);
     const bool sides = region.left_px > kBorder_px && region.left_px + region.width_px < camera_->width - kBorder_px;
-    const bool bottom_seen = region.top_px + region.height_px < camera_->height - kBorder_px;
+    const bool cut_below = region.top_px + region.height_px >= camera_->height - kBorder_px;
+    const bool bottom_seen = !cut_below && !region.hidden_below;
     out.tall = bottom_seen && region.top_px > kBorder_px;
-    out.whole = sides;
+    out.whole = sides && !region.hidden_beside;
     if (!(half_rad > 1.0e-3 && half_rad < 1.2)) { return out; }
 
     // Depth of the region's own surface, and of what lies behind its columns.
@@ -214,6 +205,12 @@ Placement Placer::place(const cv::Mat& labels, const Region& region) const {
     const double ground_m = std::isfinite(pose_.ground_z_m) ? pose_.ground_z_m : 0.0;
     double near_m = 0.0;
     bool flush = false;
+    // Where the ray of the lower side meets the floor, equation (15).
+    const double height_m = std::max(eye_[2] - ground_m, 0.1);
+    double slope_foot = 0.0;
+    static_cast<void>(bearing_of(static_cast<double>(region.x_px), bottom_px, slope_foot));
+    const double foot_m = slope_foot < -0.02 ? height_m / -slope_foot : std::numeric_limits<double>::infinity();
+    const double foot_sigma_m = 0.05 + (foot_m * foot_m + height_m * height_m) / height_m * 1.5 * kPitchSigma_rad;
 
     if (own.size() >= kLeastHits) {
         out.source = RangeSource::laser;
@@ -221,6 +218,11 @@ Placement Placer::place(const cv::Mat& labels, const Region& region) const {
         near_m = own[std::min<std::size_t>(own.size() / 10 + 1, own.size() - 1)];
         if (beside_left_m < leftmost_m - kHidden_m || beside_right_m < rightmost_m - kHidden_m) { out.whole = false; }
         out.along_sigma_m = 0.03;
+        // Its lower side would lie under the floor: what the laser sees is another thing, behind what stands lower in the picture.
+        if (near_m > foot_m + kUnder_m + 2.0 * foot_sigma_m) {
+            out.source = RangeSource::none;
+            return out;
+        }
         const double angle_rad = 0.5 * std::atan2(2.0 * sxy, sxx - syy);
         face.nx = -std::sin(angle_rad);
         face.ny = std::cos(angle_rad);
@@ -243,19 +245,22 @@ Placement Placer::place(const cv::Mat& labels, const Region& region) const {
             }
         }
     } else {
-        double slope = 0.0;
-        static_cast<void>(bearing_of(static_cast<double>(region.x_px), bottom_px, slope));
-        const double height_m = eye_[2] - ground_m;
         double far_m = std::numeric_limits<double>::infinity();
         if (!behind.empty()) {
             std::sort(behind.begin(), behind.end());
             far_m = behind[behind.size() / 2];
         }
-        const double floor_m = slope < -0.02 && bottom_seen ? height_m / -slope : std::numeric_limits<double>::infinity();
-        if (floor_m < far_m + kHidden_m && floor_m < kFarthest_m) {
+        const double floor_m = bottom_seen ? foot_m : std::numeric_limits<double>::infinity();
+        if (cut_below && foot_m < far_m) {
+            // Cut by the lower border, and the laser goes over it: it stands somewhere before the place where the lowest row meets the floor.
+            out.source = RangeSource::floor;
+            near_m = kCutShare * foot_m;
+            out.along_sigma_m = kCutSigma * foot_m;
+            out.whole = false;
+        } else if (floor_m < far_m + kHidden_m && floor_m < kFarthest_m) {
             out.source = RangeSource::floor;
             near_m = floor_m;
-            out.along_sigma_m = 0.05 + (floor_m * floor_m + height_m * height_m) / std::max(height_m, 0.1) * 1.5 * kPitchSigma_rad;  // equation (15)
+            out.along_sigma_m = foot_sigma_m;
             flush = floor_m > far_m - kHidden_m;
         } else if (std::isfinite(far_m) && behind.size() >= kLeastHits) {
             out.source = RangeSource::wall;
@@ -281,6 +286,8 @@ Placement Placer::place(const cv::Mat& labels, const Region& region) const {
     static_cast<void>(bearing_of(static_cast<double>(region.x_px), bottom_px, slope_bottom));
     static_cast<void>(bearing_of(static_cast<double>(region.x_px), v_px, slope_middle));
     out.height_m = near_m * (slope_top - slope_bottom);
+    out.eye_m = eye_;
+    out.slope = slope_middle;
     out.bearing_rad = middle_rad;
     out.distance_m = centre_m;
     out.x_m = eye_[0] + centre_m * std::cos(middle_rad);

@@ -24,6 +24,8 @@ struct Placement {
     double x_m = 0.0;                 ///< centre of the footprint, and height of the middle
     double y_m = 0.0;
     double z_m = 0.0;
+    Vec3 eye_m{};                     ///< where the camera was
+    double slope = 0.0;               ///< of the ray to the middle: up over ahead
     double bearing_rad = 0.0;         ///< from the camera to the centre
     double distance_m = 0.0;          ///< horizontal, camera to centre
     double along_sigma_m = 0.0;       ///< standard deviation along the bearing
@@ -50,6 +52,12 @@ public:
     /// Parts of a region; usually one, more where the laser sees a step in depth inside it. labels as Segmentation::labels().
     /// A part without a place has RangeSource::none.
     void find(const cv::Mat& labels, const Region& region, Parts& out) const;
+
+    /// Whether a point of the map should be in the picture: well inside the frame, near enough, nothing that the laser sees before it. Its pixel.
+    [[nodiscard]] bool should_show(const Vec3& point_map_m, double& u_px, double& v_px) const;
+
+    /// Where the camera is.
+    [[nodiscard]] const Vec3& eye_m() const { return eye_; }
 
 private:
     struct Hit {

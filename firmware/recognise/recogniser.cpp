@@ -6,6 +6,11 @@
 #include <opencv2/imgproc.hpp>
 
 namespace noctule {
+namespace {
+
+constexpr double kNear_px = 8.0;   // a region this close to where an object should show may be it
+
+}  // namespace
 
 const Recogniser::Sightings& Recogniser::process(const std::uint8_t* const bgr, const std::size_t bytes, const int width,
                                                  const int height) {
@@ -85,7 +90,7 @@ void Recogniser::enter(const cv::Mat& image, const std::int64_t t_us) {
     for (const Part& part : parts_) {
         Observation seen;
         seen.part = part;
-        seen.signature = describe_region(image, segmentation_.labels(), part.region, segmentation_.median_bgr());
+        seen.signature = describe_region(image, segmentation_.labels(), part.region, segmentation_.ground());
         seen.features = features_in(part.region);
         seen.t_us = t_us;
         seen.floor = pose.floor;
@@ -99,6 +104,7 @@ void Recogniser::enter(const cv::Mat& image, const std::int64_t t_us) {
         static_cast<void>(sightings_.push({part.region, static_cast<std::int32_t>(seen.features.size()), ids[n], part.place}));
         ++n;
     }
+    look_for_absent(pose.floor);
     memory_.tidy(t_us);
     if (store_.is_open()) { static_cast<void>(store_.commit(memory_, image, t_us)); }
     // What is told to others is sure: a candidate has no id yet.
@@ -106,6 +112,23 @@ void Recogniser::enter(const cv::Mat& image, const std::int64_t t_us) {
         const bool sure = std::any_of(memory_.objects().begin(), memory_.objects().end(),
                                       [&](const KnownObject& o) { return o.confirmed && o.id == sighting.object_id; });
         if (!sure) { sighting.object_id = 0; }
+    }
+}
+
+void Recogniser::look_for_absent(const std::int32_t floor) {
+    const auto& objects = memory_.objects();
+    for (std::size_t i = 0; i < objects.size(); ++i) {
+        const KnownObject& o = objects[i];
+        double u_px = 0.0;
+        double v_px = 0.0;
+        if (!o.placed || o.floor != floor || !placer_.should_show({o.x_m, o.y_m, o.z_m}, u_px, v_px)) { continue; }
+        // Any region there may be it, whatever it was taken for.
+        const bool something = std::any_of(parts_.begin(), parts_.end(), [&](const Part& part) {
+            const Region& r = part.region;
+            return u_px > r.left_px - kNear_px && u_px < r.left_px + r.width_px + kNear_px && v_px > r.top_px - kNear_px &&
+                   v_px < r.top_px + r.height_px + kNear_px;
+        });
+        if (!something) { memory_.note_absent(i, placer_.eye_m()); }
     }
 }
 

@@ -57,6 +57,7 @@ public:
 private:
     [[nodiscard]] std::span<const SurfFeature> features_in(const Region& region);
     void enter(const cv::Mat& image, std::int64_t t_us);
+    void look_for_absent(std::int32_t floor);
 
     const Parameters& p_;
     CameraModel camera_;

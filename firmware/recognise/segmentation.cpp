@@ -6,21 +6,15 @@
 
 #include <opencv2/imgproc.hpp>
 
+#include "recognise/log_levels.hpp"
+
 namespace noctule {
 namespace {
 
 constexpr int kTextureBlock = 7;   // px, side of the patch over which gradients are compared
 constexpr int kDark = 12;          // grey levels: below this a colour ratio is noise
-
-/// Log of a channel over another for each pair of levels, so that no pixel costs a logarithm.
-const std::array<float, 256>& log_table() {
-    static const std::array<float, 256> table = [] {
-        std::array<float, 256> t{};
-        for (std::size_t i = 0; i < t.size(); ++i) { t[i] = std::log(static_cast<float>(i) + 1.0F); }
-        return t;
-    }();
-    return table;
-}
+constexpr float kTint = 0.35F;     // log ratio by which the ground's colour may change from one moment to the next: light, and what is in view
+constexpr float kFollow = 0.02F;   // share of that by which the ground is followed at each frame
 
 /// Median of one channel by its histogram.
 int median_of(const cv::Mat& bgr, const int channel) {
@@ -85,6 +79,8 @@ const Regions& Segmentation::find(const cv::Mat& bgr, const SegmentationSettings
                             label};
         static_cast<void>(regions_.push(region));
     }
+    // The paper's form takes regions as they are.
+    if (settings.mode == SegmentationMode::contrast) { splitter_.split(calm_, ground_, labels_, regions_, count); }
     return regions_;
 }
 
@@ -107,26 +103,34 @@ void Segmentation::by_contrast(const cv::Mat& bgr, const SegmentationSettings& s
     cv::GaussianBlur(grey_, smooth_, {3, 3}, 0.0);
     cv::cornerMinEigenVal(smooth_, eigen_, kTextureBlock, 3);
     cv::boxFilter(smooth_, mean_, CV_32F, {kTextureBlock, kTextureBlock});
-    // Colour: the light multiplies each channel, so it drops out of the log ratios against the frame's median.
-    const std::array<float, 256>& log_of = log_table();
+    // Colour: the light multiplies each channel, so it drops out of the log ratios against the ground's. A ground that changes by more than light
+    // does is an object that fills the frame.
+    const std::array<float, 256>& log_of = log_levels();
     std::array<float, 3> median{};
-    for (int c = 0; c < 3; ++c) {
-        const int level = median_of(bgr, c);
-        median_bgr_[static_cast<std::size_t>(c)] = static_cast<float>(level);
-        median[static_cast<std::size_t>(c)] = log_of[static_cast<std::size_t>(level)];
-    }
+    for (int c = 0; c < 3; ++c) { median[static_cast<std::size_t>(c)] = log_of[static_cast<std::size_t>(median_of(bgr, c))]; }
+    const float db = median[0] - median[1] - followed_[0];
+    const float dr = median[2] - median[1] - followed_[1];
+    const float off = std::hypot(db, dr);
+    const float share = off > kTint ? kTint / off : 1.0F;
+    ground_ = {followed_[0] + share * db, followed_[1] + share * dr};
+    followed_ = {followed_[0] + kFollow * share * db, followed_[1] + kFollow * share * dr};
+    // Walls may have a colour of their own under white light: what lies between white and the ground is no object either, equation (1a).
+    const float length2 = std::max(ground_[0] * ground_[0] + ground_[1] * ground_[1], 1.0e-12F);
     const float chroma2 = settings.chroma * settings.chroma;
+    cv::GaussianBlur(bgr, calm_, {3, 3}, 0.0);
     for (int y = 0; y < bgr.rows; ++y) {
-        const std::uint8_t* p = bgr.ptr<std::uint8_t>(y);
+        const std::uint8_t* p = calm_.ptr<std::uint8_t>(y);
         const float* const eigen = eigen_.ptr<float>(y);
         const float* const mean = mean_.ptr<float>(y);
         std::uint8_t* const out = mask_.ptr<std::uint8_t>(y);
         for (int x = 0; x < bgr.cols; ++x, p += 3) {
-            const float b = log_of[p[0]] - median[0];
-            const float g = log_of[p[1]] - median[1];
-            const float r = log_of[p[2]] - median[2];
+            const float u = log_of[p[0]] - log_of[p[1]];
+            const float v = log_of[p[2]] - log_of[p[1]];
+            const float t = std::clamp((u * ground_[0] + v * ground_[1]) / length2, 0.0F, 1.0F);
+            const float du = u - t * ground_[0];
+            const float dv = v - t * ground_[1];
             const bool lit = std::max({p[0], p[1], p[2]}) >= kDark;
-            const bool coloured = lit && (b - g) * (b - g) + (r - g) * (r - g) > chroma2;
+            const bool coloured = lit && du * du + dv * dv > chroma2;
             // OpenCV takes 8-bit images as 0 to 1 here.
             const float level = mean[x] / 255.0F;
             const bool textured = mean[x] >= static_cast<float>(kDark) && eigen[x] > settings.texture * level * level;

@@ -11,8 +11,9 @@
 
 #include <opencv2/core.hpp>
 
-#include "core/bounded.hpp"
 #include "core/capacity.hpp"
+#include "recognise/region.hpp"
+#include "recognise/region_split.hpp"
 
 namespace noctule {
 
@@ -29,19 +30,6 @@ struct SegmentationSettings {
     float area_max = 0.5F;           ///< regions over more than this share of the frame are background (seg_area_max)
 };
 
-struct Region {
-    std::int32_t area_px = 0;        ///< pixels
-    float x_px = 0.0F;               ///< centroid
-    float y_px = 0.0F;
-    std::int32_t left_px = 0;        ///< box
-    std::int32_t top_px = 0;
-    std::int32_t width_px = 0;
-    std::int32_t height_px = 0;
-    std::int32_t label = 0;          ///< value of its pixels in Segmentation::labels()
-};
-
-using Regions = Bounded<Region, kMaxRegions>;
-
 class Segmentation {
 public:
     /// Regions of a BGR image (8 bit, three channels), largest first. An image of another type or without pixels has none.
@@ -51,8 +39,8 @@ public:
     /// Regions that found no room since the start.
     [[nodiscard]] std::uint32_t dropped() const { return dropped_; }
 
-    /// Median colour of the last frame that find() took by contrast, blue green red, 0 to 255: the ground that objects stand out from.
-    [[nodiscard]] const std::array<float, 3>& median_bgr() const { return median_bgr_; }
+    /// Colour of the ground that objects stand out from in the last frame that find() took by contrast: ln(blue / green), ln(red / green).
+    [[nodiscard]] const std::array<float, 2>& ground() const { return ground_; }
 
     /// Mask of the last find() after morphology: 255 where a region may be.
     [[nodiscard]] const cv::Mat& mask() const { return mask_; }
@@ -65,10 +53,12 @@ private:
     void by_contrast(const cv::Mat& bgr, const SegmentationSettings& settings);
 
     Regions regions_;
+    RegionSplitter splitter_;
     std::uint32_t dropped_ = 0;
-    std::array<float, 3> median_bgr_{128.0F, 128.0F, 128.0F};
+    std::array<float, 2> ground_{};
+    std::array<float, 2> followed_{};   ///< the ground's colour over the last seconds
     cv::Mat mask_;
-    cv::Mat channel_[3];
+    cv::Mat calm_;
     cv::Mat grey_;
     cv::Mat smooth_;
     cv::Mat eigen_;

@@ -5,6 +5,8 @@
 
 #include <opencv2/imgproc.hpp>
 
+#include "recognise/log_levels.hpp"
+
 namespace noctule {
 namespace {
 
@@ -26,9 +28,9 @@ void add(std::array<float, kColourBins>& colour, const float hue_rad, const floa
 
 }  // namespace
 
-Signature describe_region(const cv::Mat& bgr, const cv::Mat& labels, const Region& region, const std::array<float, 3>& median_bgr) {
+Signature describe_region(const cv::Mat& bgr, const cv::Mat& labels, const Region& region, const std::array<float, 2>& ground) {
     Signature out;
-    const std::array<float, 3> base{std::log(median_bgr[0] + 1.0F), std::log(median_bgr[1] + 1.0F), std::log(median_bgr[2] + 1.0F)};
+    const std::array<float, 256>& log_of = log_levels();
     float total = 0.0F;
     cv::Mat outline = cv::Mat::zeros(std::max(region.height_px, 1), std::max(region.width_px, 1), CV_8UC1);
     for (int y = 0; y < region.height_px; ++y) {
@@ -38,12 +40,10 @@ Signature describe_region(const cv::Mat& bgr, const cv::Mat& labels, const Regio
         for (int x = 0; x < region.width_px; ++x, p += 3) {
             if (label[x] != region.label) { continue; }
             mask[x] = 255;
-            const float b = std::log(static_cast<float>(p[0]) + 1.0F) - base[0];
-            const float g = std::log(static_cast<float>(p[1]) + 1.0F) - base[1];
-            const float r = std::log(static_cast<float>(p[2]) + 1.0F) - base[2];
+            const float green = log_of[p[1]];
             // Equation (19): two axes across the grey one.
-            const float u = b - g;
-            const float v = r - g;
+            const float u = log_of[p[0]] - green - ground[0];
+            const float v = log_of[p[2]] - green - ground[1];
             const float strength = std::hypot(u, v);
             total += 1.0F;
             if (strength < kGrey) {

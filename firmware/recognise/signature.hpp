@@ -1,6 +1,6 @@
 /// What an object without texture looks like: colours as ratios, and the moments of its outline.
 ///
-/// Model: docs/maths/vision.md, "Signature", equations (19) to (21). Light multiplies the channels; against the frame's median colour it drops out.
+/// Model: docs/maths/vision.md, "Signature", equations (19) to (21). Light multiplies the channels; against the ground's colour it drops out.
 #pragma once
 
 #include <array>
@@ -19,8 +19,8 @@ struct Signature {
     std::array<float, 7> moments{};              ///< Hu's moments of the outline, as sign times log10
 };
 
-/// Signature of a region. bgr: the frame; median_bgr: its median colour, 0 to 255.
-[[nodiscard]] Signature describe_region(const cv::Mat& bgr, const cv::Mat& labels, const Region& region, const std::array<float, 3>& median_bgr);
+/// Signature of a region. bgr: the frame; ground: as Segmentation::ground().
+[[nodiscard]] Signature describe_region(const cv::Mat& bgr, const cv::Mat& labels, const Region& region, const std::array<float, 2>& ground);
 
 /// 1 for the same colours, 0 for none in common (Bhattacharyya), equation (20).
 [[nodiscard]] float colour_likeness(const Signature& a, const Signature& b);

@@ -180,6 +180,59 @@ void cylinder_is_placed_at_its_centre_from_any_side() {
     }
 }
 
+void laser_that_just_passes_over_the_top_is_no_range() {
+    // The laser sees the wall 8 m away; a tilt that is told 1 px wrong puts its points inside the upper side of the region.
+    const CameraModel camera;
+    const auto placer = std::make_unique<noctule::Placer>();
+    const auto parts = std::make_unique<noctule::Parts>();
+    const VehiclePose pose = standing(0.0, 0.0, 0.0, 0);
+    Scene s = look_at(camera, pose, 3.0, 0.2);
+    s.hits.clear();
+    for (int u = 0; u < 320; ++u) {
+        const Vec3 eye = pose.to_map(camera.position_body_m);
+        const Vec3 d = pose.turn_to_map(camera.ray_body(u, s.region.top_px + 1));
+        s.hits.push_back({eye[0] + 7.88 * d[0] / d[0], eye[1] + 7.88 * d[1] / d[0], eye[2] + 7.88 * d[2] / d[0]});
+    }
+    placer->start(camera, pose, s.hits);
+    placer->find(s.labels, s.region, *parts);
+    TEST_ASSERT_EQUAL_size_t(1, parts->size());
+    TEST_ASSERT_TRUE((*parts)[0].place.source == RangeSource::floor);
+    TEST_ASSERT_DOUBLE_WITHIN(0.3, 3.0, (*parts)[0].place.x_m);
+}
+
+void range_of_what_stands_behind_is_not_taken() {
+    // A region whose lower side meets the floor 2 m away, with laser points 5 m away inside it: two things in one region.
+    const CameraModel camera;
+    const auto placer = std::make_unique<noctule::Placer>();
+    const auto parts = std::make_unique<noctule::Parts>();
+    const VehiclePose pose = standing(0.0, 0.0, 0.0, 0);
+    const Scene s = look_at(camera, pose, 2.3, 0.0);
+    std::vector<Vec3> behind;
+    for (int i = -200; i <= 200; ++i) { behind.push_back({5.0, 5.0 * std::tan(0.004363 * i), 1.0}); }
+    placer->start(camera, pose, behind);
+    placer->find(s.labels, s.region, *parts);
+    TEST_ASSERT_EQUAL_size_t(1, parts->size());
+    TEST_ASSERT_TRUE((*parts)[0].place.source == RangeSource::none);
+}
+
+void what_the_lower_border_cuts_stands_before_where_its_ray_meets_the_floor() {
+    const CameraModel camera;
+    const auto placer = std::make_unique<noctule::Placer>();
+    const auto parts = std::make_unique<noctule::Parts>();
+    VehiclePose pose = standing(0.0, 0.0, 0.0, 0);
+    pose.z_m = 1.6;                       // over the top of it, 1.2 m away: the laser sees only the wall
+    Scene s = look_at(camera, pose, 1.5, 0.0);
+    TEST_ASSERT_EQUAL_INT(240, s.region.top_px + s.region.height_px);
+    s.hits.clear();
+    for (int i = -400; i <= 400; ++i) { s.hits.push_back({8.0, 8.0 * std::tan(0.002 * i), 1.6}); }
+    placer->start(camera, pose, s.hits);
+    placer->find(s.labels, s.region, *parts);
+    const Placement& p = (*parts)[0].place;
+    TEST_ASSERT_FALSE(p.whole);
+    TEST_ASSERT_TRUE(std::fabs(p.x_m - 1.5) < 2.0 * p.along_sigma_m + 0.3);
+    TEST_ASSERT_TRUE(p.x_m < 3.5);
+}
+
 Observation seen(const double x_m, const double y_m, const double from_rad, const int frame, const std::size_t hue, std::mt19937& rng) {
     std::normal_distribution<double> along{0.0, 0.10};
     std::normal_distribution<double> across{0.0, 0.03};
@@ -195,6 +248,8 @@ Observation seen(const double x_m, const double y_m, const double from_rad, cons
     p.y_m = y_m + a * std::sin(p.bearing_rad) + c * std::cos(p.bearing_rad);
     p.z_m = 0.6;
     p.distance_m = 3.0;
+    p.eye_m = {x_m + 3.0 * std::cos(from_rad), y_m + 3.0 * std::sin(from_rad), 1.0};
+    p.slope = (0.6 - 1.0) / 3.0;
     p.along_sigma_m = 0.10;
     p.across_sigma_m = 0.03;
     p.width_m = 0.5;
@@ -250,6 +305,69 @@ void candidate_that_was_seen_once_is_not_told_and_goes() {
     TEST_ASSERT_EQUAL_UINT32(1U, memory->counters().dropped);
 }
 
+/// A thing whose middle is at (x, y, z), seen from an eye at 1 m: placed where its lower side's ray meets the floor at 0.
+Observation taken_for_standing(const Vec3& thing, const double eye_x_m, const double eye_y_m, const int frame) {
+    Observation o;
+    o.t_us = 200000 * frame;
+    o.signature.colour[3] = 1.0F;
+    Placement& p = o.part.place;
+    p.source = RangeSource::floor;
+    p.eye_m = {eye_x_m, eye_y_m, 1.0};
+    const double far_m = std::hypot(thing[0] - eye_x_m, thing[1] - eye_y_m);
+    p.bearing_rad = std::atan2(thing[1] - eye_y_m, thing[0] - eye_x_m);
+    p.slope = (thing[2] - 1.0) / far_m;
+    p.distance_m = far_m / (1.0 - (thing[2] - 0.3));          // its lower side is 0.3 m under its middle
+    p.x_m = eye_x_m + p.distance_m * std::cos(p.bearing_rad);
+    p.y_m = eye_y_m + p.distance_m * std::sin(p.bearing_rad);
+    p.z_m = 1.0 + p.distance_m * p.slope;
+    p.along_sigma_m = 0.2;
+    p.across_sigma_m = 0.05;
+    p.width_m = 0.6 * p.distance_m / far_m;
+    p.height_m = 0.6 * p.distance_m / far_m;
+    p.whole = p.tall = true;
+    o.direction_rad = std::remainder(p.bearing_rad + 3.14159265358979, 6.283185307179586);
+    return o;
+}
+
+void what_shows_through_an_opening_in_the_floor_is_not_believed() {
+    // On this floor: confirmed. The same thing one storey down: the places that the floor gives it follow the camera.
+    for (const bool below : {false, true}) {
+        const auto memory = std::make_unique<ObjectMemory>();
+        for (int k = 0; k < 40; ++k) {
+            static_cast<void>(memory->enter(taken_for_standing({4.0, 0.5, below ? -2.3 : 0.3}, 0.06 * k, -0.3 + 0.02 * k, k)));
+            memory->tidy(200000 * k);
+        }
+        TEST_ASSERT_EQUAL_INT(below ? 0 : 1, memory->confirmed());
+    }
+}
+
+void object_that_was_seen_from_one_place_alone_is_not_sure() {
+    const auto memory = std::make_unique<ObjectMemory>();
+    for (int k = 0; k < 40; ++k) { static_cast<void>(memory->enter(taken_for_standing({3.0, 0.5, 0.3}, 0.001 * k, 0.0, k))); }
+    TEST_ASSERT_EQUAL_INT(0, memory->confirmed());
+}
+
+void lines_of_sight_meet_where_the_thing_is() {
+    noctule::Parallax lines;
+    noctule::Parallax::Meeting m;
+    std::mt19937 rng{8};
+    std::normal_distribution<double> error{0.0, 0.01};
+    for (int k = 0; k < 12; ++k) {
+        const Vec3 eye{0.2 * k, 0.1 * k, 1.0};
+        TEST_ASSERT_TRUE(k < 2 || lines.meet(m));
+        const double far_m = std::hypot(3.0 - eye[0], 2.0 - eye[1]);
+        TEST_ASSERT_TRUE(lines.add(eye, std::atan2(2.0 - eye[1], 3.0 - eye[0]) + error(rng), (0.4 - 1.0) / far_m + error(rng), far_m));
+        TEST_ASSERT_FALSE(lines.add({eye[0] + 0.05, eye[1], eye[2]}, 0.0, 0.0, 1.0));   // has not moved on
+    }
+    TEST_ASSERT_TRUE(lines.meet(m));
+    TEST_ASSERT_EQUAL_INT(12, lines.places());
+    TEST_ASSERT_DOUBLE_WITHIN(3.0 * m.sigma_m, 3.0, m.point_m[0]);
+    TEST_ASSERT_DOUBLE_WITHIN(3.0 * m.sigma_m, 2.0, m.point_m[1]);
+    TEST_ASSERT_DOUBLE_WITHIN(3.0 * m.sigma_m, 0.4, m.point_m[2]);
+    TEST_ASSERT_TRUE(m.sigma_m < 0.1);
+    TEST_ASSERT_DOUBLE_WITHIN(0.008, 0.013, m.apart_rad);      // the errors that were put in, two of 0.01 a line
+}
+
 void pictures_are_bounded_and_from_all_sides() {
     const auto memory = std::make_unique<ObjectMemory>();
     std::mt19937 rng{4};
@@ -271,6 +389,12 @@ int main() {
     RUN_TEST(calibration_file_of_opencv_is_read_and_a_bad_one_refused);
     RUN_TEST(pose_is_that_of_the_frames_time);
     RUN_TEST(cylinder_is_placed_at_its_centre_from_any_side);
+    RUN_TEST(laser_that_just_passes_over_the_top_is_no_range);
+    RUN_TEST(range_of_what_stands_behind_is_not_taken);
+    RUN_TEST(what_the_lower_border_cuts_stands_before_where_its_ray_meets_the_floor);
+    RUN_TEST(what_shows_through_an_opening_in_the_floor_is_not_believed);
+    RUN_TEST(object_that_was_seen_from_one_place_alone_is_not_sure);
+    RUN_TEST(lines_of_sight_meet_where_the_thing_is);
     RUN_TEST(identical_objects_at_two_places_stay_two_and_one_stays_one);
     RUN_TEST(covariance_tells_the_spread_of_the_estimate);
     RUN_TEST(candidate_that_was_seen_once_is_not_told_and_goes);

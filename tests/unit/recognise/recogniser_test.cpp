@@ -4,6 +4,7 @@
 #include <random>
 
 #include <opencv2/core.hpp>
+#include <opencv2/imgproc.hpp>
 
 #include "recognise/recogniser.hpp"
 #include "unity.h"
@@ -90,6 +91,39 @@ void empty_room_has_no_region() {
     }
 }
 
+void object_that_fills_the_frame_does_not_make_the_room_an_object() {
+    Segmentation segmentation;
+    for (int k = 0; k < 5; ++k) { static_cast<void>(segmentation.find(room({}, false), fine())); }
+    cv::Mat image = room({}, false);
+    image.colRange(0, 200).setTo(cv::Scalar(20, 30, 190));         // more than half of it is vivid red: the median's colour
+    TEST_ASSERT_EQUAL_size_t(0, segmentation.find(image, fine()).size());
+    // A wall in a pale colour of its own under white light is no object either, and neither is a white door in it.
+    Segmentation fresh;
+    cv::Mat pale(240, 320, CV_8UC3, cv::Scalar(190, 150, 140));
+    pale.colRange(100, 160).setTo(cv::Scalar(200, 200, 200));
+    TEST_ASSERT_EQUAL_size_t(0, fresh.find(pale, fine()).size());
+}
+
+void two_things_that_touch_in_the_picture_are_two_regions() {
+    Segmentation segmentation;
+    cv::Mat image = room({}, false);
+    image(cv::Rect(100, 90, 30, 60)).setTo(cv::Scalar(20, 190, 190));    // yellow, farther back
+    image(cv::Rect(130, 110, 40, 70)).setTo(cv::Scalar(190, 30, 20));    // blue, before it
+    image(cv::Rect(220, 100, 50, 60)).setTo(cv::Scalar(40, 20, 180));    // one thing with a picture: red with spots in blue
+    for (int k = 0; k < 9; ++k) { cv::circle(image, {226 + 19 * (k % 3), 108 + 22 * (k / 3)}, 7, cv::Scalar(190, 30, 20), -1); }
+    const noctule::Regions& regions = segmentation.find(image, fine());
+    TEST_ASSERT_EQUAL_size_t(3, regions.size());
+    const Region* const back = near(regions, 114.5F, 119.5F);
+    const Region* const front = near(regions, 149.5F, 144.5F);
+    TEST_ASSERT_NOT_NULL(back);
+    TEST_ASSERT_NOT_NULL(front);
+    TEST_ASSERT_NOT_NULL(near(regions, 244.5F, 129.5F));
+    TEST_ASSERT_TRUE(back->hidden_beside);
+    TEST_ASSERT_FALSE(front->hidden_beside);
+    TEST_ASSERT_EQUAL_INT(back->label, segmentation.labels().at<int>(120, 110));
+    TEST_ASSERT_EQUAL_INT(front->label, segmentation.labels().at<int>(140, 150));
+}
+
 void papers_threshold_is_the_union_of_the_channels() {
     Segmentation segmentation;
     SegmentationSettings settings;
@@ -161,6 +195,8 @@ int main() {
     UNITY_BEGIN();
     RUN_TEST(two_objects_are_found_under_any_light);
     RUN_TEST(empty_room_has_no_region);
+    RUN_TEST(object_that_fills_the_frame_does_not_make_the_room_an_object);
+    RUN_TEST(two_things_that_touch_in_the_picture_are_two_regions);
     RUN_TEST(papers_threshold_is_the_union_of_the_channels);
     RUN_TEST(specks_go_and_the_largest_stay_when_there_are_too_many);
     RUN_TEST(frame_gives_regions_with_their_features);
