@@ -28,6 +28,10 @@ add_library(noctule_generated INTERFACE)
 target_include_directories(noctule_generated INTERFACE ${generated_dir})
 add_dependencies(noctule_generated noctule_generate)
 
+if(NOCTULE_BARE)
+    return()
+endif()
+
 # Message types of lcm-gen (SYSTEM: not our text). Its one source only holds static_asserts: lengths equal constants.
 add_library(noctule_messages OBJECT ${generated_checks})
 target_include_directories(noctule_messages SYSTEM PUBLIC ${generated_dir})

@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# What `make test-boards` runs: test_boards.sh JOBS [aarch64] [armhf] [flight] [package]. Each names its outcome; non-zero when one failed.
+# What `make test-boards` runs: test_boards.sh JOBS [aarch64] [armhf] [cortex-m7] [flight] [package]. Each names its outcome; non-zero when one failed.
 #
 # Needs root the first time (cross compilers, sysroots, a chroot). An hour on two cores from nothing, mostly emulation.
 set -uo pipefail
@@ -7,7 +7,7 @@ cd "$(dirname "$0")/.."
 jobs=${1:-2}
 shift || true
 parts=("$@")
-[ ${#parts[@]} -gt 0 ] || parts=(aarch64 armhf flight package)
+[ ${#parts[@]} -gt 0 ] || parts=(aarch64 armhf cortex-m7 flight package)
 failed=()
 
 mirror=$(awk '/^URIs:/{print $2; exit}' /etc/apt/sources.list.d/debian.sources 2>/dev/null || true)
@@ -19,6 +19,11 @@ for part in "${parts[@]}"; do
             [ "$part" = armhf ] || arch=arm64
             setup/sysroot.sh "$arch" && setup/build.sh "$part" all "$jobs" &&
                 ctest --preset "$part" --parallel "$jobs" ${BOARD_TESTS:+-R "$BOARD_TESTS"} || failed+=("$part")
+            ;;
+        cortex-m7)
+            setup/sysroot.sh cortex-m7 && setup/build.sh cortex-m7 noctule_tests "$jobs" && setup/build.sh cortex-m7 frame_replay "$jobs" &&
+                setup/build.sh micro frame_replay "$jobs" && ctest --preset cortex-m7 --parallel "$jobs" ${BOARD_TESTS:+-R "$BOARD_TESTS"} &&
+                .venv/bin/python tests/boards/frames.py || failed+=(cortex-m7)
             ;;
         flight)
             setup/sysroot.sh arm64 && setup/build.sh aarch64 noctule-nav "$jobs" && setup/build.sh aarch64 noctule-bridge "$jobs" &&

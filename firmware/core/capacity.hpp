@@ -1,7 +1,7 @@
 /// Every capacity of the firmware, in one place; docs/memory.md says what happens when each is full.
 ///
 /// Three profiles, chosen when the build is configured (-DNOCTULE_CAPACITY=full | small | micro): full holds 30 000 m2 over eight
-/// floors, small 10 000 m2 over four, micro one flat of 500 m2 in 1 MiB. Where they differ the line says by_profile(full, small, micro).
+/// floors, small 10 000 m2 over four, micro one flat of 400 m2 in 1 MiB. Where they differ the line says by_profile(full, small, micro).
 #pragma once
 
 #include <cstddef>
@@ -22,7 +22,7 @@ inline constexpr std::size_t kCapacityProfile = 0;
 }
 
 // One step's input.
-inline constexpr std::size_t kMaxBeams = by_profile(1200, 1200, 1088);  ///< beams of one sweep; a longer one is refused
+inline constexpr std::size_t kMaxBeams = 1200;           ///< beams of one sweep; a longer one is refused
 inline constexpr std::size_t kMaxImuPerStep = 128;       ///< inertial samples between two scans; the newest are refused
 inline constexpr std::size_t kMaxAttitudePerStep = 32;   ///< attitude samples between two scans; the newest are refused
 inline constexpr std::size_t kMaxRangePerStep = 16;      ///< range samples of one direction between two scans; the newest are refused
@@ -42,7 +42,7 @@ inline constexpr std::size_t kMaxSurfaces = 32;          ///< floors and ceiling
 inline constexpr std::size_t kMaxPaperLevels = by_profile(256, 128, 32);  ///< level entries of the paper's form; the oldest gives way
 
 // Map and plan.
-inline constexpr std::size_t kMaxTiles = by_profile(768, 256, 11);  ///< tiles of 64 x 64 cells (41 m2 at 0.10 m); a further one is refused
+inline constexpr std::size_t kMaxTiles = by_profile(768, 256, 10);  ///< tiles of 64 x 64 cells (41 m2 at 0.10 m); a further one is refused
 inline constexpr std::size_t kFloorSlots = by_profile(8, 4, 2);  ///< floors that share the tiles; an opening to a further one is refused
 inline constexpr std::int32_t kMaxFloors = static_cast<std::int32_t>(kFloorSlots);
 inline constexpr std::size_t kMaxTouchedTiles = by_profile(128, 64, 24);  ///< tiles that one sweep can touch; beyond, its beams count one by one
@@ -55,7 +55,7 @@ inline constexpr std::size_t kMaxStops = by_profile(64, 64, 24);  ///< stops of 
 inline constexpr std::size_t kMaxTriedPlaces = by_profile(256, 128, 64);  ///< places that could not be looked into; the oldest gives way
 inline constexpr std::size_t kMaxTrailNodes = by_profile(2048, 1024, 256);  ///< places flown, 0.7 m apart, with the way home; further ones are left out
 inline constexpr std::size_t kMaxPathPoints = 64;        ///< points of the path ahead, about 3 m; a longer one is cut
-inline constexpr std::size_t kMaxDirtyBlocks = by_profile(49152, 16384, 704);  ///< blocks of 8 x 8 cells waiting for new clearances; 64 a tile: all of them fit
+inline constexpr std::size_t kMaxDirtyBlocks = by_profile(49152, 16384, 640);  ///< blocks of 8 x 8 cells waiting for new clearances; 64 a tile: all of them fit
 inline constexpr std::size_t kMaxPaperSide = by_profile(320, 320, 48);  ///< cells along a side of the area of the paper's policy, 32 m; it does not see what lies beyond
 inline constexpr std::size_t kPotentialWindow = by_profile(64, 64, 32);  ///< cells along a side of the potential's ring, a power of two; a wider window is cut to it
 
@@ -78,7 +78,7 @@ inline constexpr std::size_t kMaxMatchPoints = by_profile(240, 240, 120);  ///< 
 inline constexpr std::size_t kMaxShapePoints = by_profile(180, 180, 90);  ///< points of one sweep in the scan match; thinned out beyond
 inline constexpr std::size_t kMaxScanSide = by_profile(320, 320, 96);  ///< cells along a side of that map, 0.15 m each; what lies outside is left out
 inline constexpr std::size_t kMaxScanCells = by_profile(8192, 4096, 768);  ///< cells of the map around the vehicle; a further one is refused
-inline constexpr std::size_t kMaxKeyframes = by_profile(2048, 512, 32);  ///< sweeps kept for the scan match; the most crowded gives way
+inline constexpr std::size_t kMaxKeyframes = by_profile(2048, 512, 64);  ///< sweeps kept for the scan match; the most crowded gives way
 
 // Recognition.
 inline constexpr std::size_t kMaxSurfPixels = 786432;    ///< pixels of an image for SURF (1024 x 768); a larger one is refused

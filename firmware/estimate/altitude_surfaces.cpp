@@ -47,7 +47,7 @@ void AltitudeFilter::surfaces(Bounded<Level, kMaxSurfaces>& out) const {
             const double sigma = i == seed ? 0.0 : std::sqrt(std::max(joint_.variance(difference), 0.0));
             if (std::fabs(elevation(i) - elevation(seed)) > static_cast<double>(p_.alt_merge_m) + kSameSigma * sigma) { continue; }
             taken[i] = true;
-            weight[i] = static_cast<double>(std::max(level.seen, 1));
+            weight[i] = static_cast<double>(std::max<std::int32_t>(level.seen, 1));
             weights += weight[i];
             surface.seen += level.seen;
             surface.extend(level.x_min_m, level.y_min_m);

@@ -47,7 +47,7 @@ Localiser::Localiser(const Parameters& parameters)
       points_(point_maps(parameters, std::make_index_sequence<kFloorSlots + 1>{})), tracker_(parameters) {}
 
 void Localiser::enter_layer(const std::int32_t layer) {
-    const auto next = static_cast<std::size_t>(std::clamp(layer, 0, kShaftLayer));
+    const auto next = static_cast<std::size_t>(std::clamp<std::int32_t>(layer, 0, kShaftLayer));
     if (next == layer_) { return; }
     if (next == static_cast<std::size_t>(kShaftLayer)) {
         stored_[next].count = 0;

@@ -58,6 +58,9 @@ public:
     [[nodiscard]] Counters counters() const;
     [[nodiscard]] const SampleChecker::Counters& sample_counters() const { return checker_.counters(); }
     [[nodiscard]] const WallExtractor& extractor() const { return extractor_; }
+    [[nodiscard]] const WallFilter& filter() const { return filter_; }
+    [[nodiscard]] const ScanTracker& tracker() const { return tracker_; }
+    [[nodiscard]] const PointMap& points() const { return points_[layer_]; }   ///< of the present layer
 
 private:
     void take_attitude(const SensorFrame& frame);

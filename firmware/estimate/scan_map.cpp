@@ -273,7 +273,7 @@ std::size_t ScanMap::search(const ScanShape& shape, const Pose2<Map, Body>& pred
     constexpr std::size_t kMost = kSearchPoints + 1;
     std::array<std::int32_t, kMost> column{};
     std::array<std::int32_t, kMost> row{};
-    const std::int32_t half_cells = std::max(1, static_cast<std::int32_t>(std::ceil(half_m / kCell_m)));
+    const std::int32_t half_cells = std::max<std::int32_t>(1, static_cast<std::int32_t>(std::ceil(half_m / kCell_m)));
     constexpr float kComb_rad = 0.03F;
     const std::int32_t half_turns = static_cast<std::int32_t>(std::ceil(half_rad / kComb_rad));
     std::size_t found = 0;

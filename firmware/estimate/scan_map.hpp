@@ -83,6 +83,7 @@ public:
     std::size_t search(const ScanShape& shape, const Pose2<Map, Body>& predicted, float half_m, float half_rad,
                        std::array<Candidate, kCandidates>& out) const;
     [[nodiscard]] std::uint32_t refused() const { return refused_; }
+    [[nodiscard]] std::size_t cells() const { return used_ - 1U; }
 
 private:
     struct Cell {

@@ -33,6 +33,7 @@ public:
     [[nodiscard]] const ScanFit& fit() const { return fit_; }
     [[nodiscard]] const Counters& counters() const { return counters_; }
     [[nodiscard]] const Keyframes& frames() const { return frames_; }
+    [[nodiscard]] const ScanMap& map() const { return map_; }
 
 private:
     const Parameters& parameters_;

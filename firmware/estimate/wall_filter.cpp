@@ -92,7 +92,7 @@ constexpr float kParallel_rad2 = 3.0e-4F;
 }  // namespace
 
 std::size_t WallFilter::count() const {
-    return static_cast<std::size_t>(std::clamp(parameters_.particles, 1, static_cast<std::int32_t>(kMaxParticles)));
+    return static_cast<std::size_t>(std::clamp<std::int32_t>(parameters_.particles, 1, static_cast<std::int32_t>(kMaxParticles)));
 }
 
 void WallFilter::start(const Pose2<Map, Body>& pose) {

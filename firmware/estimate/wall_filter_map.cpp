@@ -39,7 +39,7 @@ void WallFilter::learn(Landmark& landmark, const WallObservation& wall, const Po
 }
 
 Landmark& WallFilter::insert(Particle& particle, const WallObservation& wall, const Pose2<Map, Body>& pose) {
-    const std::int32_t most = std::clamp(parameters_.landmarks_max, 1, static_cast<std::int32_t>(kMaxLandmarks));
+    const std::int32_t most = std::clamp<std::int32_t>(parameters_.landmarks_max, 1, static_cast<std::int32_t>(kMaxLandmarks));
     std::int32_t at = particle.count;
     if (at >= most) {
         at = 0;

@@ -52,12 +52,12 @@ OccupancyGrid::OccupancyGrid(const Parameters& parameters) : p_(parameters), geo
 }
 
 void OccupancyGrid::load_parameters() {
-    occupied_ = static_cast<std::int8_t>(std::max(1, units(p_.grid_occupied_log_odds)));
-    free_ = static_cast<std::int8_t>(std::min(-1, units(p_.grid_free_log_odds)));
-    add_hit_ = std::max(1, units(p_.grid_hit_log_odds));
-    add_miss_ = std::max(1, units(p_.grid_miss_log_odds));
-    log_max_ = std::min(127, units(p_.grid_log_odds_max));
-    log_min_ = std::max(-127, units(p_.grid_log_odds_min));
+    occupied_ = static_cast<std::int8_t>(std::max<std::int32_t>(1, units(p_.grid_occupied_log_odds)));
+    free_ = static_cast<std::int8_t>(std::min<std::int32_t>(-1, units(p_.grid_free_log_odds)));
+    add_hit_ = std::max<std::int32_t>(1, units(p_.grid_hit_log_odds));
+    add_miss_ = std::max<std::int32_t>(1, units(p_.grid_miss_log_odds));
+    log_max_ = std::min<std::int32_t>(127, units(p_.grid_log_odds_max));
+    log_min_ = std::max<std::int32_t>(-127, units(p_.grid_log_odds_min));
 }
 
 void OccupancyGrid::reset() {
@@ -176,8 +176,8 @@ void OccupancyGrid::hit(const CellId id, const float x_cells, const float y_cell
     const std::int32_t new_x = round_int(fresh ? dx : old_x + gain * (dx - old_x));
     const std::int32_t new_y = round_int(fresh ? dy : old_y + gain * (dy - old_y));
     const bool moved = std::abs(new_x - t.hit_x[k]) > kGeometryStep || std::abs(new_y - t.hit_y[k]) > kGeometryStep;
-    t.hit_x[k] = static_cast<std::int8_t>(std::clamp(new_x, -127, 127));
-    t.hit_y[k] = static_cast<std::int8_t>(std::clamp(new_y, -127, 127));
+    t.hit_x[k] = static_cast<std::int8_t>(std::clamp<std::int32_t>(new_x, -127, 127));
+    t.hit_y[k] = static_cast<std::int8_t>(std::clamp<std::int32_t>(new_y, -127, 127));
     // Large moves make the clearances round the block stale at once; slow drift is taken up every kRefreshScans, blocks in turn.
     const std::size_t block = block_of(id);
     const bool turn = (scans_ & (kRefreshScans - 1U)) == ((static_cast<std::uint32_t>(block) * 37U + static_cast<std::uint32_t>(id >> 12)) & (kRefreshScans - 1U));

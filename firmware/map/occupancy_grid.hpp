@@ -147,6 +147,7 @@ public:
     [[nodiscard]] float known_area_m2() const;                        ///< of all floors
     [[nodiscard]] float known_area_m2(std::int32_t floor) const;      ///< of one, 0 to kMaxFloors - 1
     [[nodiscard]] std::uint32_t scans() const { return scans_; }
+    [[nodiscard]] std::size_t touched_tiles() const { return touched_pages_; }   ///< by the last sweep
 
     struct Counters {
         std::uint32_t scans_refused = 0;

@@ -32,6 +32,7 @@ public:
     /// The cheapest entry; false: none left.
     bool pop(CellId& id, std::uint32_t& cost);
     [[nodiscard]] std::uint32_t refused() const { return refused_; }
+    [[nodiscard]] std::size_t used() const { return static_cast<std::size_t>(used_); }   ///< most at once since it was cleared
 
 private:
     struct Node { CellId id; std::int32_t next; };
@@ -110,6 +111,7 @@ public:
     [[nodiscard]] bool valid() const { return run_ != 0U && done_; }
     [[nodiscard]] CellId root() const { return root_; }
     [[nodiscard]] std::int32_t settled() const { return settled_; }
+    [[nodiscard]] std::size_t tiles() const { return pages_; }   ///< that the last run reached
     void clear() { run_ = 0; done_ = false; root_ = kNoCell; }
 
 private:

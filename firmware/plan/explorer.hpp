@@ -48,6 +48,8 @@ public:
     [[nodiscard]] float look_y_m() const { return goal_.answer.look_y_m; }
     [[nodiscard]] const Traversability& where() const { return where_; }
     [[nodiscard]] const TourPolicy& tour() const { return tour_; }
+    [[nodiscard]] const Survey& survey() const { return survey_; }
+    [[nodiscard]] const CostField& field() const { return fields_[flown_]; }   ///< of the goal that is flown to
     [[nodiscard]] const PaperPolicy& paper() const { return paper_; }
 
     struct Counters {

@@ -42,7 +42,7 @@ private:
 
 void TriedPlaces::add(const float x_m, const float y_m, const float view_distance_m, const std::int64_t t_us) {
     const auto wait_us = [this](const std::int32_t tries) {
-        const std::int32_t rounds = std::min(tries / kTriesPerRound, 6);
+        const std::int32_t rounds = std::min<std::int32_t>(tries / kTriesPerRound, 6);
         return rounds < 1 ? std::int64_t{0} : static_cast<std::int64_t>(1e6F * p_.blacklist_s) << static_cast<unsigned>(rounds - 1);
     };
     for (Entry& e : entries_) {

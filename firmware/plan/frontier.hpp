@@ -73,6 +73,7 @@ public:
     void add(const Frontier& f) { static_cast<void>(found_.push(f)); }
     /// Groups of the last pass that are large enough but that nothing reachable can look into.
     [[nodiscard]] std::int32_t slivers() const { return slivers_; }
+    [[nodiscard]] std::size_t cells() const { return cells_.size(); }   ///< at the edge, of the pass under way
 
     /// True: the cell is free and has an unknown neighbour across an edge.
     [[nodiscard]] static bool is_frontier(const OccupancyGrid& grid, CellId id);

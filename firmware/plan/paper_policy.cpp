@@ -27,8 +27,8 @@ void PaperPolicy::begin(const Pose2<Map, Body>& home) {
 }
 
 void PaperPolicy::relax(const MapView& map, const Cell centre, const std::int32_t half, const std::int32_t budget_cells) {
-    const std::int32_t x0 = std::max(centre.ix - half + 1, 1);
-    const std::int32_t y0 = std::max(centre.iy - half + 1, 1);
+    const std::int32_t x0 = std::max<std::int32_t>(centre.ix - half + 1, 1);
+    const std::int32_t y0 = std::max<std::int32_t>(centre.iy - half + 1, 1);
     const std::int32_t x1 = std::min(centre.ix + half - 1, kSide - 2);
     const std::int32_t y1 = std::min(centre.iy + half - 1, kSide - 2);
     // Walls first; the free cells between keep what they have: warm start.
@@ -46,8 +46,8 @@ void PaperPolicy::relax(const MapView& map, const Cell centre, const std::int32_
             }
         }
     }
-    const std::int32_t area = std::max((x1 - x0 + 1) * (y1 - y0 + 1), 1);
-    const std::int32_t sweeps = std::max(budget_cells / area, 1);
+    const std::int32_t area = std::max<std::int32_t>((x1 - x0 + 1) * (y1 - y0 + 1), 1);
+    const std::int32_t sweeps = std::max<std::int32_t>(budget_cells / area, 1);
     for (std::int32_t sweep = 0; sweep < sweeps; ++sweep) {
         double change = 0.0;
         for (std::int32_t y = y0; y <= y1; ++y) {
@@ -125,7 +125,7 @@ const PolicyAnswer& PaperPolicy::step(const MapView& map, const Pose2<Map, Body>
         return answer_;
     }
     if (lowered_us_ < 0) { lowered_us_ = map.t_us; }
-    relax(map, centre, half, std::max(budget_cells, 4000));
+    relax(map, centre, half, std::max<std::int32_t>(budget_cells, 4000));
     trace(map, centre, half);
     if (counted_us_ < 0 || map.t_us - counted_us_ >= kCountUs) {
         counted_us_ = map.t_us;

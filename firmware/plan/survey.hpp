@@ -43,7 +43,9 @@ public:
     [[nodiscard]] const CostField& costs() const { return costs_; }       ///< from the vehicle, of the last pass
     [[nodiscard]] const FrontierSearch& search() const { return search_; }
     [[nodiscard]] TriedPlaces& tried() { return tried_; }
+    [[nodiscard]] const TriedPlaces& tried() const { return tried_; }
     [[nodiscard]] OpenCells& open() { return open_; }                     ///< for searches between two passes
+    [[nodiscard]] const OpenCells& open() const { return open_; }
 
 private:
     enum class Phase : std::uint8_t { idle, costs, edge, unseen };

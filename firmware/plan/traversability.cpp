@@ -61,7 +61,7 @@ void Traversability::load_parameters() {
         fence_ = fence;
         mark_all_stale();
     }
-    const std::int32_t need_cm = std::clamp(round_int(100.0F * (p_.hull_radius_m + p_.plan_margin_m)), 1, kCapCm);
+    const std::int32_t need_cm = std::clamp<std::int32_t>(round_int(100.0F * (p_.hull_radius_m + p_.plan_margin_m)), 1, kCapCm);
     bool changed = need_cm != need_cm_;
     need_cm_ = need_cm;
     for (std::int32_t k = 0; k <= kCapCm; ++k) {
@@ -205,7 +205,7 @@ void Traversability::compute(const OccupancyGrid& grid, const std::int32_t block
             const auto kj = static_cast<std::size_t>(j);
             std::uint8_t result = 0;
             if ((free_cells[kj] >> ki & 1U) != 0U && fence_.depth_m(middle_x_m[ki], middle_y_m[kj]) >= kFenceInsetM) {
-                result = static_cast<std::uint8_t>(std::clamp(static_cast<std::int32_t>(100.0F * std::sqrt(nearest_m2[kj][ki])), 1, kCapCm));
+                result = static_cast<std::uint8_t>(std::clamp<std::int32_t>(static_cast<std::int32_t>(100.0F * std::sqrt(nearest_m2[kj][ki])), 1, kCapCm));
                 if ((under >> ki & 1U) != 0U) { result |= 0x80U; }
             }
             values[static_cast<std::size_t>(((y0 + j) & 63) * kTileCells + ((x0 + i) & 63))] = result;

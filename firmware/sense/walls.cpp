@@ -131,7 +131,7 @@ void WallExtractor::split(const Piece cluster) {
     while (!open_.empty()) {
         const Piece piece = open_.back();
         open_.remove_unordered(open_.size() - 1);
-        if (piece.last - piece.first + 1 < std::max(3, parameters_.wall_points_min / 2)) { continue; }
+        if (piece.last - piece.first + 1 < std::max<std::int32_t>(3, parameters_.wall_points_min / 2)) { continue; }
         const Line line = line_through(piece);
         double worst_m = 0.0;
         for (std::int32_t i = piece.first; i <= piece.last; ++i) {

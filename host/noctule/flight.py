@@ -278,11 +278,12 @@ class Flight:
         watchers = PortLock.folder() / f"{GROUND_PORT}.claim"
         if self._claim_watchers(watchers):
             bridge += ["--ground", f"udpout:127.0.0.1:{GROUND_PORT}"]
-        self._start_child("noctule-bridge", [programs["noctule-bridge"], *bridge])
         counter = build_folder() / "lib" / "libnoctule_heap_count.so"
+        counted = {"LD_PRELOAD": str(counter)} if counter.is_file() else None
+        self._start_child("noctule-bridge", [programs["noctule-bridge"], *bridge, "--stats", self.folder / "log" / "bridge-stats.json"], counted)
         self._start_child("noctule-nav", [programs["noctule-nav"], "--parameters", parameters, "--lcm-url", url,
                                           "--stats", self.folder / "log" / "nav-stats.json", "--atlas", self.folder / "atlas"],
-                          {"LD_PRELOAD": str(counter)} if counter.is_file() else None)
+                          counted)
         if camera:
             from noctule_sim.camera import write_calibration
 

@@ -99,6 +99,12 @@ def open_run(folder) -> Run:
                record.read_json(folder / "log" / "nav-stats.json"), flight, truth, start_pose(world, truth))
 
 
+def _heap(nav: dict, bridge: dict) -> int | None:
+    """Calls of the allocator in both flight processes; None: one of them did not count."""
+    counts = [stats.get("heap_allocations_after_start") for stats in (nav, bridge) if stats]
+    return sum(counts) if counts and None not in counts else None
+
+
 def _state_name(state: int) -> str:
     return STATES[state] if 0 <= state < len(STATES) else f"in state {state}"
 
@@ -250,7 +256,7 @@ def build(run: Run) -> tuple[dict, score.PoseErrors, list[tuple[float, float]]]:
         "home_error_m": _number(score.home_error_m(truth), 4),
         "step_ms": {k: _number(step_us[k] * 1e-3, 4) if step_us.get(k) is not None else None for k in ("p50", "p99", "max")},
         "memory": {"navigator_bytes": whole(stats.get("navigator_bytes")), "rss_kib": whole(stats.get("rss_kib")),
-                   "heap_allocations_after_start": whole(stats.get("heap_allocations_after_start"))},
+                   "heap_allocations_after_start": _heap(stats, record.read_json(run.folder / "log" / "bridge-stats.json"))},
         "explorer": ({k: whole(stats["explorer"].get(k)) for k in EXPLORER_COUNTERS} if stats.get("explorer") else None),
         "guard_interventions": int(nav["guard_interventions"][-1]) if nav["t_us"].size else 0,
         "camera": bool(settings.get("camera", False)),

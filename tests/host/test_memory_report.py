@@ -56,9 +56,10 @@ def test_capacities_are_read_with_what_happens_when_full():
 
 
 @pytest.mark.skipif(find_program("noctule-nav") is None, reason="not built")
-def test_the_flights_loop_needs_a_proved_and_small_stack():
-    for label, depth in memory_report.stacks(find_program("noctule-nav")).items():
+@pytest.mark.parametrize("program", memory_report.ROOTS)
+def test_the_flights_loop_needs_a_proved_and_small_stack(program):
+    for label, depth in memory_report.stacks(program).items():
         assert depth.problems == [], label
         assert depth.bytes <= memory_report.MUST_STACK, label
-    parts = memory_report.sections(find_program("noctule-nav"))
+    parts = memory_report.sections(find_program(program))
     assert parts["data"] + parts["bss"] <= memory_report.MUST_BYTES

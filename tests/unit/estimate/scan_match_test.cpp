@@ -126,17 +126,19 @@ void test_a_full_pool_gives_up_the_most_crowded_keyframe() {
     auto frames = std::make_unique<Keyframes>();
     ScanShape shape;
     (void)shape.push({1.0F, 2.0F});
+    constexpr std::size_t kClose = kMaxKeyframes / 3U;
+    constexpr auto kCloseM = static_cast<float>(kClose);
     for (std::size_t k = 0; k < kMaxKeyframes; ++k) {
         // One of them stands close to the one before.
-        const float x_m = k == 700 ? 699.1F : static_cast<float>(k);
+        const float x_m = static_cast<float>(k) - (k == kClose ? 0.9F : 0.0F);
         frames->add(shape, {x_m, 0.0F, 0.0F});
     }
     frames->add(shape, {static_cast<float>(kMaxKeyframes), 0.0F, 0.0F});
     TEST_ASSERT_EQUAL(kMaxKeyframes, frames->size());
     TEST_ASSERT_EQUAL(1, frames->evicted());
-    TEST_ASSERT_EQUAL_FLOAT(698.0F, frames->pose(698).x_m);
-    TEST_ASSERT_EQUAL_FLOAT(699.1F, frames->pose(699).x_m);
-    TEST_ASSERT_EQUAL_FLOAT(701.0F, frames->pose(700).x_m);
+    TEST_ASSERT_EQUAL_FLOAT(kCloseM - 2.0F, frames->pose(kClose - 2U).x_m);
+    TEST_ASSERT_EQUAL_FLOAT(kCloseM - 0.9F, frames->pose(kClose - 1U).x_m);
+    TEST_ASSERT_EQUAL_FLOAT(kCloseM + 1.0F, frames->pose(kClose).x_m);
     ScanShape out;
     frames->shape(5, out);
     TEST_ASSERT_EQUAL(1, out.size());

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <cstdint>
 #include <ctime>
+
 #include <limits>
 #include <memory>
 #include <random>
@@ -163,11 +164,7 @@ public:
     const LevelScan& level_scan() const { return scan_; }
 
 private:
-    static double cpu_us() {
-        timespec now{};
-        clock_gettime(CLOCK_THREAD_CPUTIME_ID, &now);
-        return 1e6 * static_cast<double>(now.tv_sec) + 1e-3 * static_cast<double>(now.tv_nsec);
-    }
+    static double cpu_us() { return 1e6 * static_cast<double>(std::clock()) / static_cast<double>(CLOCKS_PER_SEC); }
     void scan() {
         std::normal_distribution<double> pose_noise(0.0, std::max(pose_noise_m, 1e-12));
         sweep(world_, x, y, yaw, range_max_m, range_noise_m, rng_, scan_);
