@@ -13,6 +13,9 @@ constexpr std::uint32_t kBeyond = 30 * CostField::kUnit * 3;   ///< field comput
 constexpr std::int64_t kRefreshUs = 500000;    ///< age from which the field of a fixed place is computed anew
 constexpr std::int64_t kStuckUs = 4000000;     ///< without coming nearer to the goal: it is given up
 constexpr float kProgressM = 0.2F;
+constexpr float kClosedFromM = 0.25F;          ///< part of the path ahead in which the place that holds the vehicle is looked for
+constexpr float kClosedToM = 0.9F;
+constexpr float kNarrowM = 0.15F;              ///< beside the hull: more room than this holds nobody
 constexpr float kArrivedM = 0.15F;
 constexpr float kSameGoalM = 0.5F;
 constexpr float kNewsM2 = 1.0F;                ///< area that must become known for a change of mind to have a reason
@@ -26,7 +29,7 @@ Explorer::Explorer(const Parameters& parameters)
     : p_(parameters), where_(parameters), potential_(parameters), survey_(parameters), tour_(parameters), frontier_(parameters), paper_(parameters) {}
 
 void Explorer::observe(const OccupancyGrid& grid, const Pose2<Map, Body>& pose, const std::int64_t t_us) {
-    static_cast<void>(t_us);
+    where_.reopen(t_us);
     where_.update(grid, pose.x_m, pose.y_m);
 }
 
@@ -52,14 +55,15 @@ void Explorer::begin(const Pose2<Map, Body>& home) {
     survey_.begin();
     policy_ = &chosen();
     policy_->begin(home);
-    field_due_ = field_started_ = has_way_ = blocked_ = false;
+    field_due_ = field_started_ = has_way_ = blocked_ = detour_ = false;
+    where_.reopen_all();
     left_ = Past{};
     goals_ = back_and_forth_ = 0;
 }
 
 void Explorer::begin_field(const OccupancyGrid& grid) {
     const CellId root = goal_.to_place ? root_near(grid, where_, goal_.x_m, goal_.y_m) : goal_.answer.cell;
-    fields_[1 - flown_].start(grid, root, kRootRadius, open_);
+    fields_[1 - flown_].start(grid, root, lead_on_cells(grid, where_, root), open_);
     field_started_ = true;
 }
 
@@ -92,6 +96,20 @@ bool Explorer::stuck(const OccupancyGrid& grid, const Pose2<Map, Body>& pose, co
     return true;
 }
 
+// Before the goal is blamed the place is: guard and planner may differ by a centimetre about a gap, and every goal beyond it would be given up in turn.
+bool Explorer::close_ahead(const Target& target, const std::int64_t t_us) {
+    float gone_m = 0.0F;
+    std::size_t tightest = 0;
+    for (std::size_t k = 1; k < target.path.size() && gone_m < kClosedToM; ++k) {
+        gone_m += std::hypot(target.path[k].x_m - target.path[k - 1U].x_m, target.path[k].y_m - target.path[k - 1U].y_m);
+        if (gone_m < kClosedFromM) { continue; }
+        if (tightest == 0U || target.path[k].clearance_m < target.path[tightest].clearance_m) { tightest = k; }
+    }
+    if (tightest == 0U || target.path[tightest].clearance_m > p_.hull_radius_m + kNarrowM) { return false; }
+    where_.close(target.path[tightest].x_m, target.path[tightest].y_m, t_us + static_cast<std::int64_t>(1e6F * p_.blacklist_s));
+    return true;
+}
+
 // A new answer: what was left behind is remembered, the way to the new goal is due.
 void Explorer::take(const OccupancyGrid& grid, const PolicyAnswer& answer) {
     const bool moved = !goal_.valid || std::hypot(answer.look_x_m - goal_.answer.look_x_m, answer.look_y_m - goal_.answer.look_y_m) > kSameGoalM;
@@ -114,25 +132,40 @@ void Explorer::take(const OccupancyGrid& grid, const PolicyAnswer& answer) {
     field_due_ = answer.path == nullptr;
     field_started_ = false;
     progress_us_ = -1;
+    detour_ = false;
     fate_ = GoalFate::under_way;
 }
 
 void Explorer::explore(const OccupancyGrid& grid, const Pose2<Map, Body>& pose, const Pose2<Map, Body>& from, const std::int64_t t_us, Target& target) {
     if (goal_.to_place) { goal_ = Goal{}; }
     if (policy_ == nullptr) { begin(home_); }
-    bool busy = field_due_;
-    if (busy && run_field(grid, from, t_us)) {
-        progress_us_ = -1;   // what is left of the way is counted by the new field
-        if (!has_way_) { fate_ = GoalFate::unreachable; }
+    const bool busy = field_due_;
+    if (busy) { find_way(grid, from, t_us); }
+    if (goal_.valid && !field_due_ && goal_.answer.path == nullptr && fate_ == GoalFate::under_way && stuck(grid, pose, t_us)) {
+        detour_ = close_ahead(target, t_us);
+        field_due_ = detour_;
+        field_started_ = false;
+        if (!detour_) { fate_ = GoalFate::stuck; }
     }
-    if (goal_.valid && !field_due_ && goal_.answer.path == nullptr && fate_ == GoalFate::under_way && stuck(grid, pose, t_us)) { fate_ = GoalFate::stuck; }
     const MapView view{grid, where_, home_, from, t_us, fate_, survey_, fields_[1 - flown_]};
     const PolicyAnswer& answer = policy_->step(view, pose, busy ? 0 : kBudget);
     if (answer.valid && (!goal_.valid || answer.number != goal_.answer.number)) { take(grid, answer); }
     if (!answer.valid) { goal_.valid = false; }
     if (!answer.valid || fate_ != GoalFate::under_way) { fate_ = GoalFate::under_way; }
     goal_.answer = answer;
+    if (!busy && field_due_) { find_way(grid, from, t_us); }
     follow(grid, pose, from, target);
+}
+
+// One slice of the field of the goal, and what came of it.
+void Explorer::find_way(const OccupancyGrid& grid, const Pose2<Map, Body>& from, const std::int64_t t_us) {
+    if (!run_field(grid, from, t_us)) { return; }
+    progress_us_ = -1;   // what is left of the way is counted by the new field
+    if (!has_way_) {
+        fate_ = detour_ ? GoalFate::stuck : GoalFate::unreachable;
+        if (detour_) { where_.reopen_last(); }   // the only way there is
+    }
+    detour_ = false;
 }
 
 void Explorer::go_to(const OccupancyGrid& grid, const Pose2<Map, Body>& pose, const Pose2<Map, Body>& from, const float x_m, const float y_m,
@@ -151,7 +184,9 @@ void Explorer::go_to(const OccupancyGrid& grid, const Pose2<Map, Body>& pose, co
         fields_[flown_].clear();
     }
     if (has_way_ && std::hypot(x_m - pose.x_m, y_m - pose.y_m) > kArrivedM && stuck(grid, pose, t_us)) { blocked_ = true; }
-    if (field_started_ || !has_way_ || t_us - field_us_ > kRefreshUs) { static_cast<void>(run_field(grid, from, t_us)); }
+    if (field_started_ || !has_way_ || t_us - field_us_ > kRefreshUs) {
+        if (run_field(grid, from, t_us) && !has_way_) { where_.reopen_all(); }
+    }
     follow(grid, pose, from, target);
 }
 

@@ -79,9 +79,13 @@ private:
     void begin_field(const OccupancyGrid& grid);
     /// One slice; true: the field of the goal is complete.
     bool run_field(const OccupancyGrid& grid, const Pose2<Map, Body>& from, std::int64_t t_us);
+    void find_way(const OccupancyGrid& grid, const Pose2<Map, Body>& from, std::int64_t t_us);
     void follow(const OccupancyGrid& grid, const Pose2<Map, Body>& pose, const Pose2<Map, Body>& from, Target& target);
     void look(const Pose2<Map, Body>& pose, const Pose2<Map, Body>& from, Target& target) const;
     [[nodiscard]] bool stuck(const OccupancyGrid& grid, const Pose2<Map, Body>& pose, std::int64_t t_us);
+
+    /// Closes the narrow place ahead that holds the vehicle. False: there is none.
+    bool close_ahead(const Target& target, std::int64_t t_us);
 
     const Parameters& p_;
     Traversability where_;
@@ -101,6 +105,7 @@ private:
     bool field_started_ = false;
     bool has_way_ = false;
     bool blocked_ = false;
+    bool detour_ = false;        ///< the field under way is to show another way than through the place closed last
     std::int64_t field_us_ = 0;       ///< when the field flown was done
     std::int64_t progress_us_ = -1;   ///< when the vehicle last came nearer to the goal; -1: begins now
     std::uint32_t least_cost_ = 0;    ///< of the way left, so far

@@ -9,9 +9,12 @@ namespace noctule {
 namespace {
 
 constexpr float kBeyondCells = 1.7F;      ///< within which a line of sight must meet the unknown behind a frontier cell
+constexpr std::int32_t kSteepDeep = 2;
+constexpr float kFarBeyondCells = 3.2F;   ///< the same where nothing else is left
 constexpr float kSamePlaceM = 0.35F;      ///< tried places within this are one
 constexpr float kFirstTryShare = 0.6F;    ///< each try in vain brings the next viewpoint nearer by this
 constexpr float kCutsCells = 0.4F;        ///< a line of sight this near to a hit point is cut there
+constexpr std::size_t kEdgeMembers = 6;   ///< cells of a group that are tried last of all, about
 constexpr std::int32_t kTriesPerRound = 3;
 constexpr float kFarM = 1000.0F;          ///< what a viewpoint beyond ViewRule::near_m costs
 
@@ -37,6 +40,18 @@ private:
     std::int32_t tile_y_ = 0;
     std::int32_t slot_ = -1;
 };
+
+/// True: a place of the edge that is entered from a passable cell, not over a chain of its like.
+bool beside_passable(const OccupancyGrid& grid, const Traversability& where, const CostField& from, const CellId id) {
+    const Cell c = grid.cell(id);
+    for (std::int32_t dy = -2; dy <= 2; ++dy) {
+        for (std::int32_t dx = -2; dx <= 2; ++dx) {
+            const CellId n = grid.find(Cell{c.ix + dx, c.iy + dy});
+            if (where.passable(n) && from.cost(n) < from.cost(id)) { return true; }
+        }
+    }
+    return false;
+}
 
 }  // namespace
 
@@ -78,6 +93,13 @@ FrontierSearch::FrontierSearch(const Parameters& parameters) : p_(parameters) {
         ray_x_[static_cast<std::size_t>(k)] = std::cos(angle);
         ray_y_[static_cast<std::size_t>(k)] = std::sin(angle);
     }
+}
+
+std::int32_t TriedPlaces::tries(const float x_m, const float y_m) const {
+    for (const Entry& e : entries_) {
+        if (std::hypot(e.x_m - x_m, e.y_m - y_m) <= kSamePlaceM) { return e.tries; }
+    }
+    return 0;
 }
 
 void FrontierSearch::start() {
@@ -173,12 +195,14 @@ std::int32_t FrontierSearch::unknown_behind(const OccupancyGrid& grid) const {
 
 // Rays from the frontier cell through free cells find the places that see it.
 bool FrontierSearch::view(const OccupancyGrid& grid, const Traversability& where, const CostField& from, const ViewRule& rule,
-                          const float distance_m, const CellId look, Frontier& best, const float home_x_m, const float home_y_m, const bool past_corners) const {
+                          const float distance_m, const CellId look, Frontier& best, const float home_x_m, const float home_y_m, const Round round,
+                          const std::int32_t tries) const {
     const GridGeometry& g = grid.geometry();
     const Cell c = grid.cell(look);
     const float x_m = g.centre_x_m(c);
     const float y_m = g.centre_y_m(c);
     const float step_m = g.cell_m();
+    const float beyond = tries > 0 || round == Round::edge ? kFarBeyondCells : kBeyondCells;
     Reader reader{grid};
     const auto score_of = [&](const CellId id, const std::uint32_t cost, const float away_m) {
         return static_cast<float>(cost) / static_cast<float>(CostField::kUnit) * step_m + rule.distance_cost * away_m +
@@ -191,11 +215,13 @@ bool FrontierSearch::view(const OccupancyGrid& grid, const Traversability& where
         const float uy = ray_y_[static_cast<std::size_t>(k)];
         bool looked = false;
         bool into_unknown = false;
-        for (float r = 0.0F; r <= distance_m; r += step_m) {
+        std::int32_t deep = 0;   // half cells of unknown in a row behind the frontier cell
+        const float reach_m = tries > 0 ? std::max(distance_m, p_.view_range_m) : distance_m;
+        for (float r = 0.0F; r <= reach_m; r += step_m) {
             const CellId id = reader.find(x_m + r * ux, y_m + r * uy);
             const CellClass kind = grid.cell_class(id);
             if (kind == CellClass::occupied) {
-                if (!past_corners) { break; }
+                if (round == Round::clear) { break; }
                 // A corner fills a part of its cell only: the line is cut where it passes near the hit point itself.
                 float hx = 0.0F;
                 float hy = 0.0F;
@@ -204,24 +230,38 @@ bool FrontierSearch::view(const OccupancyGrid& grid, const Traversability& where
                 continue;
             }
             if (kind == CellClass::unknown) { break; }
-            if (!where.passable(id)) { continue; }
+            if (!where.passable(id) && (round != Round::edge || !where.at_edge(id))) { continue; }
             const std::uint32_t cost = from.cost(id);
             if (cost == CostField::kFar) { continue; }
+            if (round == Round::edge && !where.passable(id) && !beside_passable(grid, where, from, id)) { continue; }
             const float score = score_of(id, cost, r);
-            if (score >= best_score) { continue; }
+            const bool sights = r <= rule.sight_m && cost < best.sight_cost;
+            if (score >= best_score && !sights) { continue; }
             const Cell v = grid.cell(id);
-            if (std::hypot(g.centre_x_m(v) - x_m, g.centre_y_m(v) - y_m) > distance_m) { continue; }
+            if (std::hypot(g.centre_x_m(v) - x_m, g.centre_y_m(v) - y_m) > reach_m) { continue; }
             if (std::hypot(g.centre_x_m(v) - home_x_m, g.centre_y_m(v) - home_y_m) > p_.fence_radius_m - 0.5F) { continue; }
             // From there the laser must look into the unknown, not along its edge: the line goes on into something unknown at once.
             if (!looked) {
                 looked = true;
-                for (float behind = 0.7F; behind <= kBeyondCells && !into_unknown; behind += 0.5F) {
+                for (float behind = 0.7F; behind <= beyond; behind += 0.5F) {
                     const CellClass there = grid.cell_class(reader.find(x_m - behind * step_m * ux, y_m - behind * step_m * uy));
-                    if (there == CellClass::occupied) { break; }
-                    into_unknown = there == CellClass::unknown;
+                    if (there == CellClass::occupied || (into_unknown && there != CellClass::unknown)) { break; }
+                    if (there == CellClass::unknown) {
+                        into_unknown = true;
+                        ++deep;
+                    }
                 }
             }
             if (!into_unknown) { break; }
+            // What was looked at in vain is looked at from nearer, or more steeply.
+            if (tries > 0 && r > distance_m && deep < kSteepDeep + tries) { break; }
+            if (sights) {
+                best.sight = id;
+                best.sight_x_m = g.centre_x_m(v);
+                best.sight_y_m = g.centre_y_m(v);
+                best.sight_cost = cost;
+                if (score >= best_score) { continue; }
+            }
             best_score = score;
             best.look = look;
             best.x_m = x_m;
@@ -249,12 +289,12 @@ bool FrontierSearch::run(const OccupancyGrid& grid, const Traversability& where,
                          const ViewRule& rule, const float home_x_m, const float home_y_m, const std::int64_t t_us) {
     if (tile_ < grid.tile_count()) {
         for (std::int32_t k = 0; k < kTilesPerSlice && tile_ < grid.tile_count(); ++k) { scan_tile(grid, tile_++); }
-        return false;
+        if (tile_ < grid.tile_count()) { return false; }
     }
     for (std::int32_t groups = 0; next_cell_ < cells_.size(); ++next_cell_) {
         const CellId seed = cells_[next_cell_];
         if (!marked(seed)) { continue; }
-        if (groups == kGroupsPerSlice) { return false; }
+        if (groups >= kGroupsPerSlice) { return false; }
         gather(grid, seed);
         if (static_cast<std::int32_t>(group_.size()) < p_.frontier_min_cells) { continue; }
         Frontier f;
@@ -264,19 +304,27 @@ bool FrontierSearch::run(const OccupancyGrid& grid, const Traversability& where,
         f.cells = static_cast<std::int32_t>(group_.size());
         bool waits = false;
         const std::size_t count = group_.size();
-        // The middle of the group first, then its ends. Lines of sight close past corners only if there are no better ones.
-        for (int past_corners = 0; past_corners < 2 && f.view == kNoCell && !waits; ++past_corners) {
-            for (const std::size_t member : {count / 2U, std::size_t{0}, count - 1U}) {
-                const Cell c = grid.cell(group_[member]);
-                const float distance_m = tried.distance_allowed_m(grid.geometry().centre_x_m(c), grid.geometry().centre_y_m(c), t_us);
+        // The middle of the group first, then its ends; what no such line shows is looked at past corners, then by any of its cells and
+        // from places at the very edge of the unknown: a bend of a narrow passage may offer no other.
+        for (const Round round : {Round::clear, Round::past_corners, Round::edge}) {
+            if (f.view != kNoCell || waits) { break; }
+            const std::size_t step = round == Round::edge ? std::max<std::size_t>(1U, count / kEdgeMembers) : std::max<std::size_t>(1U, count / 2U);
+            if (round == Round::edge) { ++groups; }
+            for (std::size_t k = 0; k < count + step; k += step) {
+                const CellId member = group_[std::min(k, count - 1U)];
+                const Cell c = grid.cell(member);
+                const float f_x_m = grid.geometry().centre_x_m(c);
+                const float f_y_m = grid.geometry().centre_y_m(c);
+                const float distance_m = tried.distance_allowed_m(f_x_m, f_y_m, t_us);
                 if (!(distance_m > 0.0F)) {
                     waits = true;
                     continue;
                 }
-                static_cast<void>(view(grid, where, from, rule, distance_m, group_[member], f, home_x_m, home_y_m, past_corners == 1));
+                static_cast<void>(view(grid, where, from, rule, distance_m, member, f, home_x_m, home_y_m, round, tried.tries(f_x_m, f_y_m)));
             }
         }
         if (f.view != kNoCell) {
+            if (f.sight == kNoCell || f.sight_cost > f.cost) { f.sight_as_view(); }
             keep(f);
         } else if (!waits) {
             ++slivers_;

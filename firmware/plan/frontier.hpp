@@ -25,7 +25,17 @@ struct Frontier {
     float view_x_m = 0.0F;
     float view_y_m = 0.0F;
     std::uint32_t cost = CostField::kFar;  ///< of the way to the viewpoint from the root of the field
+    CellId sight = kNoCell;   ///< cheapest cell from which it is seen from afar: what the order counts with
+    float sight_x_m = 0.0F;
+    float sight_y_m = 0.0F;
+    std::uint32_t sight_cost = CostField::kFar;
     std::int32_t cells = 0;   ///< size of the group
+    void sight_as_view() {
+        sight = view;
+        sight_x_m = view_x_m;
+        sight_y_m = view_y_m;
+        sight_cost = cost;
+    }
     bool camera = false;      ///< a patch of floor that the camera has not seen (plan/unseen), not an edge of the unknown
     std::int32_t behind = 0;  ///< unknown cells that hang together behind it, within kBehindCells of its middle
 };
@@ -34,6 +44,7 @@ struct Frontier {
 struct ViewRule {
     float distance_cost = 0.6F;   ///< metres of way that a metre less of viewing distance is worth
     float tight_cost = 1.2F;      ///< metres of way that a viewpoint with room round it is worth, times its slowness over one
+    float sight_m = 0.0F;         ///< distance from which a group counts as seen for the order; 0: that of the viewpoint
     float near_m = 0.0F;          ///< over 0: a viewpoint farther than this only where there is none nearer
     bool camera = false;          ///< patches of floor that the camera has not seen are looked for, too
     std::int32_t behind_min = 0;  ///< groups with fewer unknown cells behind them are left out
@@ -52,6 +63,8 @@ public:
     }
     /// Greatest distance from which to try next; 0: leave it alone now.
     [[nodiscard]] float distance_allowed_m(float x_m, float y_m, std::int64_t t_us) const;
+    /// Looks that were in vain there.
+    [[nodiscard]] std::int32_t tries(float x_m, float y_m) const;
     [[nodiscard]] std::size_t size() const { return entries_.size(); }
 
 private:
@@ -70,7 +83,10 @@ public:
              float home_x_m, float home_y_m, std::int64_t t_us);
     [[nodiscard]] const Bounded<Frontier, kMaxFrontiers>& found() const { return found_; }
     /// One more place worth a visit, found elsewhere; full: it is left out.
-    void add(const Frontier& f) { static_cast<void>(found_.push(f)); }
+    void add(Frontier f) {
+        f.sight_as_view();
+        static_cast<void>(found_.push(f));
+    }
     /// Groups of the last pass that are large enough but that nothing reachable can look into.
     [[nodiscard]] std::int32_t slivers() const { return slivers_; }
     [[nodiscard]] std::size_t cells() const { return cells_.size(); }   ///< at the edge, of the pass under way
@@ -81,15 +97,21 @@ public:
 private:
     static constexpr std::int32_t kRays = 96;         ///< lines of sight from a frontier cell
     static constexpr std::int32_t kTilesPerSlice = 24;
-    static constexpr std::int32_t kGroupsPerSlice = 16;
+    static constexpr std::int32_t kGroupsPerSlice = 24;
     static constexpr std::int32_t kGroupRadius = 7;   ///< cells from the first one of a group; wider edges are several groups
     static constexpr std::size_t kGroupCells = 256;
     static constexpr std::int32_t kBehindCells = 12;  ///< half edge of the square in which the unknown behind a group is counted
+    /// What counts as a viewpoint, in the order of trying.
+    enum class Round : std::uint8_t {
+        clear,         ///< a passable cell, nothing occupied on the line of sight
+        past_corners,  ///< the line may cross occupied cells, passing their hit points
+        edge,          ///< and the hull may stand over the edge of the unknown
+    };
     void scan_tile(const OccupancyGrid& grid, std::int32_t slot);
     void gather(const OccupancyGrid& grid, CellId seed);
     [[nodiscard]] std::int32_t unknown_behind(const OccupancyGrid& grid) const;
     bool view(const OccupancyGrid& grid, const Traversability& where, const CostField& from, const ViewRule& rule, float distance_m, CellId look,
-              Frontier& best, float home_x_m, float home_y_m, bool past_corners) const;
+              Frontier& best, float home_x_m, float home_y_m, Round round, std::int32_t tries) const;
     [[nodiscard]] bool marked(const CellId id) const {
         return (marks_[static_cast<std::size_t>(id >> 12)][static_cast<std::size_t>((id >> 6) & 63)] >> static_cast<unsigned>(id & 63) & 1U) != 0U;
     }

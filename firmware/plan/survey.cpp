@@ -1,5 +1,7 @@
 #include "plan/survey.hpp"
 
+#include <algorithm>
+#include <cstdlib>
 #include <limits>
 
 namespace noctule {
@@ -22,10 +24,25 @@ CellId root_near(const OccupancyGrid& grid, const Traversability& where, const f
     return best;
 }
 
+std::int32_t lead_on_cells(const OccupancyGrid& grid, const Traversability& where, const CellId root) {
+    constexpr std::int32_t kMost = 5;
+    if (root == kNoCell || where.passable(root)) { return 0; }
+    const Cell at = grid.cell(root);
+    std::int32_t nearest = kMost + 1;
+    for (std::int32_t dy = -kMost; dy <= kMost; ++dy) {
+        for (std::int32_t dx = -kMost; dx <= kMost; ++dx) {
+            const std::int32_t away = std::max(std::abs(dx), std::abs(dy));
+            if (away < nearest && where.passable(grid.find(Cell{at.ix + dx, at.iy + dy}))) { nearest = away; }
+        }
+    }
+    return nearest - 1;
+}
+
 bool Survey::run(const MapView& map, const ViewRule& rule, const std::int32_t budget_cells) {
     if (budget_cells <= 0) { return false; }
     if (phase_ == Phase::idle) {
-        costs_.start(map.grid, root_near(map.grid, map.where, map.from.x_m, map.from.y_m), kRootRadius, open_);
+        const CellId root = root_near(map.grid, map.where, map.from.x_m, map.from.y_m);
+        costs_.start(map.grid, root, lead_on_cells(map.grid, map.where, root), open_);
         phase_ = Phase::costs;
     }
     if (phase_ == Phase::costs) {

@@ -17,7 +17,9 @@ namespace noctule {
 /// The cell of a point, or the nearest free one within half a metre.
 [[nodiscard]] CellId root_near(const OccupancyGrid& grid, const Traversability& where, float x_m, float y_m);
 
-inline constexpr std::int32_t kRootRadius = 5;        ///< cells round start and goal where tight cells lead on
+/// Cells round start or goal in which tight cells lead on: none where the hull fits, else as far as the nearest cell where it does, at most
+/// half a metre. Not farther: a gap that is too narrow would be crossed from its mouth.
+[[nodiscard]] std::int32_t lead_on_cells(const OccupancyGrid& grid, const Traversability& where, CellId root);
 
 class Survey {
 public:

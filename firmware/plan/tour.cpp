@@ -13,14 +13,13 @@ constexpr std::size_t kLongestRun = 3;   ///< stops that Or-opt moves at once
 
 void Tour::begin(const std::size_t stops) {
     stops_ = std::min(stops, kMaxStops - 1U);
-    bonus_.fill(0.0F);
     for (auto& row : distance_) { row.fill(0.0F); }
 }
 
 float Tour::length_m(const Order& order) const {
     float sum = 0.0F;
     for (std::size_t k = 0; k < order.size(); ++k) { sum += step(order, k); }
-    return order.empty() ? 0.0F : sum - bonus_[order[order.size() - 1U]];
+    return sum;
 }
 
 void Tour::insert_missing(Order& order, const std::size_t fixed) const {
@@ -35,11 +34,7 @@ void Tour::insert_missing(Order& order, const std::size_t fixed) const {
             for (std::size_t at = fixed; at <= order.size(); ++at) {
                 const std::size_t before = at == 0 ? 0 : order[at - 1U];
                 float more = distance_[before][s];
-                if (at < order.size()) {
-                    more += distance_[s][order[at]] - distance_[before][order[at]];
-                } else {
-                    more += (order.empty() ? 0.0F : bonus_[order[at - 1U]]) - bonus_[s];
-                }
+                if (at < order.size()) { more += distance_[s][order[at]] - distance_[before][order[at]]; }
                 if (more < best) {
                     best = more;
                     best_at = at;
@@ -59,11 +54,7 @@ bool Tour::reverse_once(Order& order, const std::size_t fixed) const {
         const std::size_t before = i == 0 ? 0 : order[i - 1U];
         for (std::size_t j = i + 1U; j < n; ++j) {
             float gain = distance_[before][order[i]] - distance_[before][order[j]];
-            if (j + 1U < n) {
-                gain += distance_[order[j]][order[j + 1U]] - distance_[order[i]][order[j + 1U]];
-            } else {
-                gain += bonus_[order[i]] - bonus_[order[j]];
-            }
+            if (j + 1U < n) { gain += distance_[order[j]][order[j + 1U]] - distance_[order[i]][order[j + 1U]]; }
             if (gain > kLeastGainM) {
                 std::reverse(order.begin() + i, order.begin() + j + 1U);
                 return true;
@@ -82,11 +73,7 @@ bool Tour::move_once(Order& order, const std::size_t fixed) const {
             const std::size_t a = at(i);
             const std::size_t b = at(j);
             float out = distance_[at(i - 1U)][a];
-            if (j < n) {
-                out += distance_[b][at(j + 1U)] - distance_[at(i - 1U)][at(j + 1U)];
-            } else {
-                out += bonus_[at(i - 1U)] - bonus_[b];
-            }
+            if (j < n) { out += distance_[b][at(j + 1U)] - distance_[at(i - 1U)][at(j + 1U)]; }
             if (j == n && i == 1U) { continue; }
             for (std::size_t k = fixed; k <= n; ++k) {                 // put in after stop k
                 if (k + 1U >= i && k <= j) { continue; }
@@ -94,11 +81,7 @@ bool Tour::move_once(Order& order, const std::size_t fixed) const {
                     const std::size_t head = turned != 0 ? b : a;
                     const std::size_t tail = turned != 0 ? a : b;
                     float in = distance_[at(k)][head];
-                    if (k < n) {
-                        in += distance_[tail][at(k + 1U)] - distance_[at(k)][at(k + 1U)];
-                    } else {
-                        in += bonus_[at(k)] - bonus_[tail];
-                    }
+                    if (k < n) { in += distance_[tail][at(k + 1U)] - distance_[at(k)][at(k + 1U)]; }
                     if (out - in <= kLeastGainM) { continue; }
                     if (turned != 0) { std::reverse(order.begin() + (i - 1U), order.begin() + j); }
                     if (k < i) {

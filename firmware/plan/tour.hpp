@@ -18,14 +18,12 @@ public:
     using Order = Bounded<std::uint8_t, kMaxStops>;   ///< stops, without the start
     static constexpr std::uint8_t kAny = 255;
 
-    /// Forgets distances and bonuses; stops are numbered 1 to `stops`, the start is 0. stops < kMaxStops.
+    /// Forgets the distances; stops are numbered 1 to `stops`, the start is 0. stops < kMaxStops.
     void begin(std::size_t stops);
     void set(const std::size_t a, const std::size_t b, const float metres) { distance_[a][b] = metres; }
-    /// What it saves to have this stop last.
-    void set_last_bonus(const std::size_t stop, const float metres) { bonus_[stop] = metres; }
     [[nodiscard]] std::size_t stops() const { return stops_; }
 
-    /// Length of an order, less the bonus of its last stop [m].
+    /// Length of an order [m].
     [[nodiscard]] float length_m(const Order& order) const;
     /// Completes `order` (what it holds is kept as the beginning of the search) and improves it. `first`: stop that must come
     /// first, or kAny. Returns its length.
@@ -39,7 +37,6 @@ private:
     [[nodiscard]] float step(const Order& o, const std::size_t k) const { return distance_[k == 0 ? 0 : o[k - 1]][o[k]]; }
 
     std::array<std::array<float, kMaxStops>, kMaxStops> distance_{};
-    std::array<float, kMaxStops> bonus_{};
     std::size_t stops_ = 0;
 };
 

@@ -13,7 +13,9 @@ constexpr std::int64_t kPeriodUs = 400000;    ///< between two passes while the 
 constexpr float kSameGoalM = 0.5F;
 constexpr float kOneStopM = 1.0F;             ///< viewpoints within this that see each other are one stop
 constexpr std::int64_t kDwellUs = 300000;     ///< looking this long without news is in vain
+constexpr std::int64_t kEmptyUs = 1000000;    ///< passes that long without any goal end the exploration: the vehicle stands and has looked
 constexpr float kArrivedM = 0.15F;
+constexpr float kThereM = 0.08F;              ///< the same after a look in vain
 constexpr float kInSightRad = 2.0F;           ///< off the heading, what the laser is sure to see (270 degrees)
 constexpr float kCameraShare = 0.4F;          ///< of its field of view, to either side, what the camera is sure to see
 constexpr float kNewsM2 = 1.0F;               ///< area that must have become known before a goal that was left is taken again
@@ -38,6 +40,8 @@ void TourPolicy::begin(const Pose2<Map, Body>& home) {
     dwell_since_us_ = -1;
     empty_passes_ = 0;
     left_known_m2_ = -1.0F;
+    from_us_ = -1;
+    vx_m_s_ = vy_m_s_ = 0.0F;
     counters_ = {};
 }
 
@@ -46,6 +50,7 @@ ViewRule TourPolicy::rule() const {
     rule.distance_cost = p_.view_distance_cost;
     rule.tight_cost = p_.view_tight_m;
     rule.near_m = p_.view_near_m;
+    rule.sight_m = p_.view_sight_m;
     rule.behind_min = p_.reveal_min_cells;
     rule.camera = p_.camera_weight > 0.0F;
     return rule;
@@ -81,6 +86,12 @@ void TourPolicy::drop(const MapView& map, const bool give_up) {
 }
 
 const PolicyAnswer& TourPolicy::step(const MapView& map, const Pose2<Map, Body>& pose, const std::int32_t budget_cells) {
+    if (const auto dt_s = 1e-6F * static_cast<float>(map.t_us - from_us_); from_us_ >= 0 && dt_s > 0.0F) {
+        vx_m_s_ += 0.4F * ((map.from.x_m - from_.x_m) / dt_s - vx_m_s_);
+        vy_m_s_ += 0.4F * ((map.from.y_m - from_.y_m) / dt_s - vy_m_s_);
+    }
+    from_ = map.from;
+    from_us_ = map.t_us;
     if (answer_.valid && map.fate != GoalFate::under_way) {
         if (map.fate == GoalFate::stuck) { ++counters_.stuck; }
         drop(map, map.fate == GoalFate::stuck);
@@ -100,7 +111,8 @@ const PolicyAnswer& TourPolicy::step(const MapView& map, const Pose2<Map, Body>&
 void TourPolicy::look(const MapView& map, const Pose2<Map, Body>& pose) {
     if (!answer_.valid || answer_.seen) { return; }
     const float bearing = std::atan2(goal_.y_m - pose.y_m, goal_.x_m - pose.x_m);
-    const bool arrived = std::hypot(answer_.x_m - pose.x_m, answer_.y_m - pose.y_m) < kArrivedM && std::fabs(wrap_angle(bearing - pose.yaw_rad)) < (goal_.camera ? kCameraShare * p_.camera_fov_rad : kInSightRad);
+    const float near_m = map.survey.tried().tries(goal_.x_m, goal_.y_m) > 0 ? kThereM : kArrivedM;
+    const bool arrived = std::hypot(answer_.x_m - pose.x_m, answer_.y_m - pose.y_m) < near_m && std::fabs(wrap_angle(bearing - pose.yaw_rad)) < (goal_.camera ? kCameraShare * p_.camera_fov_rad : kInSightRad);
     if (!arrived) {
         dwell_since_us_ = -1;
     } else if (dwell_since_us_ < 0) {
@@ -112,53 +124,56 @@ void TourPolicy::look(const MapView& map, const Pose2<Map, Body>& pose) {
 }
 
 void TourPolicy::think(const MapView& map, const std::int32_t budget_cells) {
-    switch (phase_) {
-        case Phase::survey:
-            if (answer_.valid && !answer_.seen && map.t_us - passed_us_ < kPeriodUs) { return; }
-            if (!map.survey.run(map, rule(), budget_cells)) { return; }
-            ++counters_.passes;
-            gather_stops(map);
-            if (stops_.size() > 2U) {
-                graph_.clear(stops_.size());
-                map.scratch.start(map.grid, stops_[0].front.view, 0, map.survey.open());
-                for (std::size_t k = 0; k < stops_.size(); ++k) {
-                    static_cast<void>(map.scratch.add_root(stops_[k].front.view, static_cast<std::uint8_t>(k), graph_, map.survey.open()));
-                }
-                phase_ = Phase::ways;
-                return;
+    if (phase_ == Phase::survey) {
+        if (answer_.valid && !answer_.seen && map.t_us - passed_us_ < kPeriodUs) { return; }
+        if (!map.survey.run(soon(map), rule(), budget_cells)) { return; }
+        ++counters_.passes;
+        gather_stops(map);
+        if (stops_.size() > 2U) {
+            graph_.clear(stops_.size());
+            map.scratch.start(map.grid, stops_[0].sight, 0, map.survey.open());
+            for (std::size_t k = 0; k < stops_.size(); ++k) {
+                static_cast<void>(map.scratch.add_root(stops_[k].sight, static_cast<std::uint8_t>(k), graph_, map.survey.open()));
             }
-            phase_ = Phase::decide;
-            break;
-        case Phase::ways:
-            if (!map.scratch.run(map.grid, map.where, map.survey.open(), budget_cells, kNoCell, 0, &graph_)) { return; }
-            graph_.close();
-            phase_ = Phase::decide;
-            return;
-        case Phase::decide:
-            break;
+            phase_ = Phase::ways;
+        }
+    }
+    // Each part begins in the step in which the one before it ended: what has just come into view is not waited for.
+    if (phase_ == Phase::ways) {
+        if (!map.scratch.run(map.grid, map.where, map.survey.open(), budget_cells, kNoCell, 0, &graph_)) { return; }
+        graph_.close();
     }
     decide(map);
     passed_us_ = map.t_us;
     phase_ = Phase::survey;
 }
 
+// Where the vehicle will be when the answer counts: what lies ahead is nearer than it seems, what lies behind is farther.
+MapView TourPolicy::soon(const MapView& map) const {
+    Pose2<Map, Body> at = map.from;
+    for (float s = p_.plan_ahead_s; s > 0.05F; s *= 0.7F) {
+        const float x_m = map.from.x_m + s * vx_m_s_;
+        const float y_m = map.from.y_m + s * vy_m_s_;
+        if (map.where.passable(map.grid.find(x_m, y_m)) && map.grid.line_is_free(map.from.x_m, map.from.y_m, x_m, y_m)) {
+            at.x_m = x_m;
+            at.y_m = y_m;
+            break;
+        }
+    }
+    return {map.grid, map.where, map.home, at, map.t_us, map.fate, map.survey, map.scratch};
+}
+
 // Nearest first; a group whose viewpoint another stop nearly has belongs to that stop.
 void TourPolicy::gather_stops(const MapView& map) {
     stops_.clear();
     Bounded<Frontier, kMaxFrontiers> found = map.survey.search().found();
-    std::sort(found.begin(), found.end(), [](const Frontier& a, const Frontier& b) { return a.cost != b.cost ? a.cost < b.cost : a.look < b.look; });
+    std::sort(found.begin(), found.end(), [](const Frontier& a, const Frontier& b) { return a.sight_cost != b.sight_cost ? a.sight_cost < b.sight_cost : a.look < b.look; });
     for (const Frontier& f : found) {
-        bool joined = false;
-        for (Stop& s : stops_) {
-            const bool near = std::hypot(s.front.view_x_m - f.view_x_m, s.front.view_y_m - f.view_y_m) < kOneStopM;
-            if (s.front.view == f.view || (near && map.grid.line_is_free(s.front.view_x_m, s.front.view_y_m, f.view_x_m, f.view_y_m))) {
-                s.cells += f.cells;
-                s.behind += f.behind;
-                joined = true;
-                break;
-            }
-        }
-        if (!joined && !stops_.full()) { static_cast<void>(stops_.push({f, f.cells, f.behind})); }
+        const auto as_f = [&](const Frontier& s) {
+            const bool near = std::hypot(s.view_x_m - f.view_x_m, s.view_y_m - f.view_y_m) < kOneStopM;
+            return s.view == f.view || (near && map.grid.line_is_free(s.view_x_m, s.view_y_m, f.view_x_m, f.view_y_m));
+        };
+        if (std::none_of(stops_.begin(), stops_.end(), as_f) && !stops_.full()) { static_cast<void>(stops_.push(f)); }
     }
 }
 
@@ -179,8 +194,9 @@ void TourPolicy::decide(const MapView& map) {
         if (answer_.valid && map.survey.costs().cost(answer_.cell) == CostField::kFar) { answer_.valid = false; }
         if (answer_.valid) {
             empty_passes_ = 0;
-        } else if (map.where.blocks_waiting() == 0U && ++empty_passes_ >= 2) {
-            answer_.finished = true;
+        } else if (map.where.blocks_waiting() == 0U) {
+            if (empty_passes_++ == 0) { empty_since_us_ = map.t_us; }
+            answer_.finished = map.t_us - empty_since_us_ >= kEmptyUs;
         }
         return;
     }
@@ -189,19 +205,18 @@ void TourPolicy::decide(const MapView& map) {
     std::uint8_t same = Tour::kAny;   // the stop that the present goal belongs to
     float same_m = kSameGoalM;
     for (std::size_t a = 0; a < n; ++a) {
-        tour_.set(0, a + 1U, p_.tour_first_weight * metres(map, stops_[a].front.cost));
+        tour_.set(0, a + 1U, p_.tour_first_weight * metres(map, stops_[a].sight_cost));
         for (std::size_t b = 0; b < n; ++b) {
             float way_m = 0.0F;
             if (n > 2U) {
                 way_m = metres(map, graph_.between(a, b));
             } else if (a != b) {
-                way_m = std::hypot(stops_[a].front.view_x_m - stops_[b].front.view_x_m, stops_[a].front.view_y_m - stops_[b].front.view_y_m);
+                way_m = std::hypot(stops_[a].sight_x_m - stops_[b].sight_x_m, stops_[a].sight_y_m - stops_[b].sight_y_m);
             }
             tour_.set(a + 1U, b + 1U, way_m);
         }
-        tour_.set_last_bonus(a + 1U, std::min(p_.tour_last_m, 0.01F * static_cast<float>(stops_[a].behind) * p_.tour_last_m));
-        if (answer_.valid && apart(stops_[a].front, goal_) < same_m) {
-            same_m = apart(stops_[a].front, goal_);
+        if (answer_.valid && apart(stops_[a], goal_) < same_m) {
+            same_m = apart(stops_[a], goal_);
             same = static_cast<std::uint8_t>(a + 1U);
         }
     }
@@ -210,7 +225,7 @@ void TourPolicy::decide(const MapView& map) {
     std::array<bool, kMaxStops> in{};
     for (const Frontier& f : last_tour_) {
         for (std::size_t a = 0; a < n; ++a) {
-            if (in[a + 1U] || apart(stops_[a].front, f) >= kSameGoalM) { continue; }
+            if (in[a + 1U] || apart(stops_[a], f) >= kSameGoalM) { continue; }
             in[a + 1U] = true;
             static_cast<void>(order.push(static_cast<std::uint8_t>(a + 1U)));
             break;
@@ -229,13 +244,13 @@ void TourPolicy::decide(const MapView& map) {
         } else if (order[0] != same) {
             Tour::Order kept = order;
             const float kept_m = tour_.improve(kept, same);
-            if (best_m + p_.goal_switch_m >= kept_m || came_from(map, stops_[order[0] - 1U].front)) {
+            if (best_m + p_.goal_switch_m >= kept_m || came_from(map, stops_[order[0] - 1U])) {
                 order = kept;
             }
         }
     }
     last_tour_.clear();
-    for (const std::uint8_t stop : order) { static_cast<void>(last_tour_.push(stops_[stop - 1U].front)); }
+    for (const std::uint8_t stop : order) { static_cast<void>(last_tour_.push(stops_[stop - 1U])); }
     if (!answer_.valid) {
         set_goal(last_tour_[0]);
         return;
@@ -249,7 +264,7 @@ void TourPolicy::decide(const MapView& map) {
         return;
     }
     // The same piece of the unknown, seen anew: a better viewpoint is taken only if that saves some way.
-    const Frontier& now = stops_[same - 1U].front;
+    const Frontier& now = stops_[same - 1U];
     const float saved_m = metres(map, map.survey.costs().cost(answer_.cell)) - metres(map, now.cost);
     if (saved_m > kBetterViewM && now.look != goal_.look) { set_goal(now); }
 }

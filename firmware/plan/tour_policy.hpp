@@ -21,13 +21,8 @@ public:
     [[nodiscard]] std::size_t stops() const { return stops_.size(); }
 
 private:
-    enum class Phase : std::uint8_t { survey, ways, decide };
-    /// Groups of the edge with nearly one viewpoint.
-    struct Stop {
-        Frontier front;        ///< the one looked at first: the nearest
-        std::int32_t cells = 0;
-        std::int32_t behind = 0;
-    };
+    enum class Phase : std::uint8_t { survey, ways };
+    [[nodiscard]] MapView soon(const MapView& map) const;
     void think(const MapView& map, std::int32_t budget_cells);
     void gather_stops(const MapView& map);
     void decide(const MapView& map);
@@ -41,14 +36,19 @@ private:
     const Parameters& p_;
     PolicyAnswer answer_;
     Frontier goal_;                               ///< while answer_.valid
-    Bounded<Stop, kMaxStops - 1U> stops_;         ///< of the last complete pass
+    Bounded<Frontier, kMaxStops - 1U> stops_;     ///< of the last complete pass; of groups with nearly one viewpoint the nearest
     Bounded<Frontier, kMaxStops - 1U> last_tour_; ///< the same in the order of the tour
     RootGraph graph_;
     Tour tour_;
     Phase phase_ = Phase::survey;
     std::int64_t dwell_since_us_ = -1;
     std::int64_t passed_us_ = 0;                  ///< end of the last pass
-    std::int32_t empty_passes_ = 0;
+    std::int32_t empty_passes_ = 0;               ///< in a row, without any goal
+    std::int64_t empty_since_us_ = 0;
+    Pose2<Map, Body> from_;                       ///< setpoint of the last step
+    std::int64_t from_us_ = -1;
+    float vx_m_s_ = 0.0F;                         ///< of the setpoint
+    float vy_m_s_ = 0.0F;
     Frontier left_;                               ///< goal left for a better one
     float left_known_m2_ = -1.0F;                 ///< area known then; below 0: none was left
 };

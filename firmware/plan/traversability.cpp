@@ -14,6 +14,7 @@ namespace {
 constexpr std::int32_t kNearTiles = 1;        ///< tiles round the vehicle looked at in every step
 constexpr std::int32_t kFarTilesPerStep = 8;  ///< others, in turn
 constexpr std::int32_t kSide = 3 * kBlockCells;
+constexpr float kClosedM = 0.2F;              ///< radius of a closed place
 constexpr float kUnknownCells = 2.5F;         ///< an unknown cell whose centre is nearer than this is under the hull (0.25 m at 0.10 m)
 
 constexpr float kCapM = 0.01F * static_cast<float>(Traversability::kCapCm);
@@ -47,6 +48,37 @@ void Traversability::reset() {
     waiting_.fill(0);
     queue_head_ = queue_size_ = 0;
     next_tile_ = 0;
+    closed_.clear();
+}
+
+void Traversability::close(const float x_m, const float y_m, const std::int64_t until_us) {
+    if (closed_.full()) { closed_.clear(); }
+    static_cast<void>(closed_.push({x_m, y_m, until_us}));
+    mark_all_stale();
+}
+
+void Traversability::reopen_last() {
+    if (closed_.empty()) { return; }
+    std::size_t last = 0;
+    for (std::size_t k = 1; k < closed_.size(); ++k) {
+        if (closed_[k].until_us >= closed_[last].until_us) { last = k; }
+    }
+    closed_.remove_unordered(last);
+    mark_all_stale();
+}
+
+void Traversability::reopen_all() {
+    if (closed_.empty()) { return; }
+    closed_.clear();
+    mark_all_stale();
+}
+
+void Traversability::reopen(const std::int64_t t_us) {
+    for (std::size_t k = closed_.size(); k-- > 0;) {
+        if (closed_[k].until_us >= t_us) { continue; }
+        closed_.remove_unordered(k);
+        mark_all_stale();
+    }
 }
 
 // Only the number that was taken up is changed: the blocks are found stale in turn, those near the vehicle first.
@@ -206,6 +238,9 @@ void Traversability::compute(const OccupancyGrid& grid, const std::int32_t block
             std::uint8_t result = 0;
             if ((free_cells[kj] >> ki & 1U) != 0U && fence_.depth_m(middle_x_m[ki], middle_y_m[kj]) >= kFenceInsetM) {
                 result = static_cast<std::uint8_t>(std::clamp<std::int32_t>(static_cast<std::int32_t>(100.0F * std::sqrt(nearest_m2[kj][ki])), 1, kCapCm));
+                for (const Closed& c : closed_) {
+                    if (std::hypot(c.x_m - middle_x_m[ki], c.y_m - middle_y_m[kj]) < kClosedM) { result = std::min(result, std::uint8_t{1}); }
+                }
                 if ((under >> ki & 1U) != 0U) { result |= 0x80U; }
             }
             values[static_cast<std::size_t>(((y0 + j) & 63) * kTileCells + ((x0 + i) & 63))] = result;

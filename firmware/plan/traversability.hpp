@@ -10,6 +10,7 @@
 #include <array>
 #include <cstdint>
 
+#include "core/bounded.hpp"
 #include "core/capacity.hpp"
 #include "map/occupancy_grid.hpp"
 #include "plan/fence.hpp"
@@ -27,6 +28,14 @@ public:
     /// Forgets everything (the grid was reset).
     void reset();
 
+    /// No way leads through this place until then: the vehicle was held fast there. Full: all are forgotten.
+    void close(float x_m, float y_m, std::int64_t until_us);
+    /// The place closed last is open again.
+    void reopen_last();
+    void reopen_all();
+    /// Those whose time is over.
+    void reopen(std::int64_t t_us);
+
     static constexpr std::int32_t kCapCm = 80;   ///< distances are known up to here
 
     /// Distance of a free cell's centre to the nearest hit [cm], at most kCapCm; 0: not free, or outside the fence.
@@ -35,6 +44,8 @@ public:
     [[nodiscard]] bool passable(const CellId id) const { return id != kNoCell && passable_byte(byte(id)); }
     /// True: free, and the vehicle may stand there if it came there, but no path leads through.
     [[nodiscard]] bool tight(const CellId id) const { return id != kNoCell && tight_byte(byte(id)); }
+    /// True: hull and margin fit, but something unknown is under the hull.
+    [[nodiscard]] bool at_edge(const CellId id) const { return id != kNoCell && byte(id) >= 0x80 && (byte(id) & 0x7F) >= need_cm_; }
     /// Time to cross a unit of length there, against crossing it at full speed; at least 1. docs/maths/potential.md, equation (5).
     [[nodiscard]] float slowness(const CellId id) const { return slowness_[static_cast<std::size_t>(clearance_cm(id))]; }
 
@@ -52,6 +63,8 @@ public:
     [[nodiscard]] std::uint32_t blocks_done() const { return blocks_done_; }
 
 private:
+    struct Closed { float x_m; float y_m; std::int64_t until_us; };
+    static constexpr std::size_t kMaxClosed = 16;
     static constexpr std::int32_t kTightCm = 15;
     static constexpr std::int32_t kBlocksPerStep = 160;
     void load_parameters();
@@ -71,6 +84,7 @@ private:
     std::int32_t need_cm_ = 33;
     std::uint32_t meaning_ = 0;
     Fence fence_;
+    Bounded<Closed, kMaxClosed> closed_;
     std::int32_t next_tile_ = 0;
     std::uint32_t blocks_done_ = 0;
 };

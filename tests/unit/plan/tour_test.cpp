@@ -61,7 +61,6 @@ void a_tour_is_near_the_best_of_all_orders() {
     float sum = 0.0F;
     for (int k = 0; k < 40; ++k) {
         static_cast<void>(places(7, rng, *tour));
-        if (k % 2 == 1) { tour->set_last_bonus(1U + static_cast<std::size_t>(k % 7), 5.0F); }
         Tour::Order order;
         const std::uint8_t first = k % 4 == 3 ? std::uint8_t{2} : Tour::kAny;
         const float length = tour->improve(order, first);
