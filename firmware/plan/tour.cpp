@@ -7,18 +7,37 @@ namespace noctule {
 namespace {
 
 constexpr float kLeastGainM = 0.01F;
+constexpr std::size_t kPolished = 10;    ///< stops from the beginning on that are ordered by the weighted length
 constexpr std::size_t kLongestRun = 3;   ///< stops that Or-opt moves at once
 
 }  // namespace
 
 void Tour::begin(const std::size_t stops) {
     stops_ = std::min(stops, kMaxStops - 1U);
+    gain_.fill(0.0F);
+    weigh(0.0F, 1.0F, 0.0F);
     for (auto& row : distance_) { row.fill(0.0F); }
 }
 
+void Tour::weigh(const float hurry, const float tail, const float tail_m2) {
+    hurry_ = hurry;
+    tail_ = tail;
+    tail_m2_ = tail_m2;
+}
+
+float Tour::weight(const float left_m2, const float all_m2) const {
+    return left_m2 <= tail_m2_ ? tail_ : 1.0F + hurry_ * left_m2 / std::max(all_m2, 1e-3F);
+}
+
 float Tour::length_m(const Order& order) const {
+    float all_m2 = 0.0F;
+    for (const std::uint8_t s : order) { all_m2 += gain_[s]; }
+    float left_m2 = all_m2;
     float sum = 0.0F;
-    for (std::size_t k = 0; k < order.size(); ++k) { sum += step(order, k); }
+    for (std::size_t k = 0; k < order.size(); ++k) {
+        sum += step(order, k) * weight(left_m2, all_m2);
+        left_m2 -= gain_[order[k]];
+    }
     return sum;
 }
 
@@ -118,7 +137,50 @@ float Tour::improve(Order& order, const std::uint8_t first) const {
         if (reverse_once(order, fixed)) { continue; }
         if (!move_once(order, fixed)) { break; }
     }
+    polish(order, fixed);
     return length_m(order);
+}
+
+// The first stops once more, by the weighted length: turned round or moved as long as that helps.
+void Tour::polish(Order& order, const std::size_t fixed) const {
+    if (hurry_ == 0.0F && tail_ == 1.0F) { return; }
+    const std::size_t n = std::min(order.size(), kPolished);
+    float best = length_m(order);
+    const auto better = [&](const Order& tried) {
+        const float length = length_m(tried);
+        if (length > best - kLeastGainM) { return false; }
+        best = length;
+        order = tried;
+        return true;
+    };
+    const auto pass = [&] {
+        for (std::size_t i = fixed; i < n; ++i) {
+            for (std::size_t j = i + 1U; j < n; ++j) {
+                Order tried = order;
+                std::reverse(tried.begin() + i, tried.begin() + j + 1U);
+                if (better(tried)) { return true; }
+            }
+        }
+        for (std::size_t run = 1; run <= kLongestRun; ++run) {
+            for (std::size_t i = fixed; i + run <= n; ++i) {
+                for (std::size_t k = fixed; k + run <= n; ++k) {
+                    if (k == i) { continue; }
+                    for (int turned = 0; turned < (run > 1U ? 2 : 1); ++turned) {
+                        Order tried = order;
+                        if (turned != 0) { std::reverse(tried.begin() + i, tried.begin() + i + run); }
+                        if (k < i) {
+                            std::rotate(tried.begin() + k, tried.begin() + i, tried.begin() + i + run);
+                        } else {
+                            std::rotate(tried.begin() + i, tried.begin() + i + run, tried.begin() + k + run);
+                        }
+                        if (better(tried)) { return true; }
+                    }
+                }
+            }
+        }
+        return false;
+    };
+    for (int round = 0; round < kRounds && pass(); ++round) {}
 }
 
 }  // namespace noctule

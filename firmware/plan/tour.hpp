@@ -1,6 +1,7 @@
 /// An open tour: in which order to visit stops, from a fixed start, ending anywhere.
 ///
-/// Cheapest insertion, then 2-opt and Or-opt until neither helps (Croes 1958, Or 1976). docs/maths/explore.md, "Order".
+/// Cheapest insertion, then 2-opt and Or-opt until neither helps (Croes 1958, Or 1976); then the first stops once more with ways weighed by
+/// what is still to be revealed. docs/maths/explore.md, "Order".
 /// Distances in metres, symmetric but for those from the start. No heap. Cost: rounds x stops^2.
 #pragma once
 
@@ -21,9 +22,13 @@ public:
     /// Forgets the distances; stops are numbered 1 to `stops`, the start is 0. stops < kMaxStops.
     void begin(std::size_t stops);
     void set(const std::size_t a, const std::size_t b, const float metres) { distance_[a][b] = metres; }
+    /// What the stop will reveal [m^2].
+    void set_gain(const std::size_t stop, const float m2) { gain_[stop] = m2; }
+    /// How a way counts by what is still to be revealed at its beginning: 1 + hurry x its share of all, and `tail` once less than tail_m2 is left.
+    void weigh(float hurry, float tail, float tail_m2);
     [[nodiscard]] std::size_t stops() const { return stops_; }
 
-    /// Length of an order [m].
+    /// Length of an order, its ways weighed [m].
     [[nodiscard]] float length_m(const Order& order) const;
     /// Completes `order` (what it holds is kept as the beginning of the search) and improves it. `first`: stop that must come
     /// first, or kAny. Returns its length.
@@ -32,11 +37,17 @@ public:
 private:
     static constexpr int kRounds = 60;
     void insert_missing(Order& order, std::size_t fixed) const;
+    void polish(Order& order, std::size_t fixed) const;
+    [[nodiscard]] float weight(float left_m2, float all_m2) const;
     bool reverse_once(Order& order, std::size_t fixed) const;
     bool move_once(Order& order, std::size_t fixed) const;
     [[nodiscard]] float step(const Order& o, const std::size_t k) const { return distance_[k == 0 ? 0 : o[k - 1]][o[k]]; }
 
     std::array<std::array<float, kMaxStops>, kMaxStops> distance_{};
+    std::array<float, kMaxStops> gain_{};
+    float hurry_ = 0.0F;
+    float tail_ = 1.0F;
+    float tail_m2_ = 0.0F;
     std::size_t stops_ = 0;
 };
 

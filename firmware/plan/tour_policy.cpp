@@ -19,6 +19,7 @@ constexpr float kThereM = 0.08F;              ///< the same after a look in vain
 constexpr float kInSightRad = 2.0F;           ///< off the heading, what the laser is sure to see (270 degrees)
 constexpr float kCameraShare = 0.4F;          ///< of its field of view, to either side, what the camera is sure to see
 constexpr float kNewsM2 = 1.0F;               ///< area that must have become known before a goal that was left is taken again
+constexpr float kDepth = 2.0F;                ///< area of a pocket over the square of its mouth
 constexpr float kBetterViewM = 0.3F;
 
 float metres(const MapView& map, const std::uint32_t cost) {
@@ -26,6 +27,12 @@ float metres(const MapView& map, const std::uint32_t cost) {
 }
 
 float apart(const Frontier& a, const Frontier& b) { return std::hypot(a.x_m - b.x_m, a.y_m - b.y_m); }
+
+// What a stop will reveal: all that is unknown behind it, but a pocket is not much deeper than its mouth is wide.
+float reveals_m2(const Frontier& f) {
+    const float mouth_m = 0.1F * static_cast<float>(f.cells);
+    return std::min(0.01F * static_cast<float>(f.behind), kDepth * mouth_m * mouth_m);
+}
 
 float viewing_distance(const Frontier& f) { return std::hypot(f.view_x_m - f.x_m, f.view_y_m - f.y_m); }
 
@@ -39,7 +46,7 @@ void TourPolicy::begin(const Pose2<Map, Body>& home) {
     phase_ = Phase::survey;
     dwell_since_us_ = -1;
     empty_passes_ = 0;
-    left_known_m2_ = -1.0F;
+    left_ = seen_ = {};
     from_us_ = -1;
     vx_m_s_ = vy_m_s_ = 0.0F;
     counters_ = {};
@@ -169,25 +176,31 @@ void TourPolicy::gather_stops(const MapView& map) {
     Bounded<Frontier, kMaxFrontiers> found = map.survey.search().found();
     std::sort(found.begin(), found.end(), [](const Frontier& a, const Frontier& b) { return a.sight_cost != b.sight_cost ? a.sight_cost < b.sight_cost : a.look < b.look; });
     for (const Frontier& f : found) {
-        const auto as_f = [&](const Frontier& s) {
+        const auto same = std::find_if(stops_.begin(), stops_.end(), [&](const Frontier& s) {
             const bool near = std::hypot(s.view_x_m - f.view_x_m, s.view_y_m - f.view_y_m) < kOneStopM;
             return s.view == f.view || (near && map.grid.line_is_free(s.view_x_m, s.view_y_m, f.view_x_m, f.view_y_m));
-        };
-        if (std::none_of(stops_.begin(), stops_.end(), as_f) && !stops_.full()) { static_cast<void>(stops_.push(f)); }
+        });
+        if (same != stops_.end()) {
+            same->cells += f.cells;
+            same->behind += f.behind;
+        } else if (!stops_.full()) {
+            static_cast<void>(stops_.push(f));
+        }
     }
 }
 
 // True: going there now would undo the last change of mind although nothing has been learned since.
 bool TourPolicy::came_from(const MapView& map, const Frontier& front) const {
-    return left_known_m2_ >= 0.0F && apart(left_, front) < 2.0F * kSameGoalM && map.grid.known_area_m2() - left_known_m2_ < kNewsM2;
+    const float known_m2 = map.grid.known_area_m2();
+    const auto same = [&](const Left& left) { return left.known_m2 >= 0.0F && apart(left.goal, front) < 2.0F * kSameGoalM && known_m2 - left.known_m2 < kNewsM2; };
+    return same(left_) || same(seen_);
 }
 
 void TourPolicy::decide(const MapView& map) {
     const std::size_t n = stops_.size();
     if (answer_.valid && answer_.seen) {
         answer_.valid = false;
-        left_ = goal_;   // an edge that flickers back into view is no reason to turn round
-        left_known_m2_ = map.grid.known_area_m2();
+        seen_ = {goal_, map.grid.known_area_m2()};   // an edge that flickers back into view is no reason to turn round
     }
     if (n == 0U) {
         last_tour_.clear();
@@ -215,11 +228,13 @@ void TourPolicy::decide(const MapView& map) {
             }
             tour_.set(a + 1U, b + 1U, way_m);
         }
+        tour_.set_gain(a + 1U, reveals_m2(stops_[a]));
         if (answer_.valid && apart(stops_[a], goal_) < same_m) {
             same_m = apart(stops_[a], goal_);
             same = static_cast<std::uint8_t>(a + 1U);
         }
     }
+    tour_.weigh(p_.tour_hurry, p_.tour_tail, p_.tour_tail_share * map.grid.known_area_m2());
     // Warm start: the order of the last tour.
     Tour::Order order;
     std::array<bool, kMaxStops> in{};
@@ -258,8 +273,7 @@ void TourPolicy::decide(const MapView& map) {
     if (same == Tour::kAny) { return; }   // not found again in this pass: flown to as it is
     if (order[0] != same) {
         ++counters_.switches;
-        left_ = goal_;
-        left_known_m2_ = map.grid.known_area_m2();
+        left_ = {goal_, map.grid.known_area_m2()};
         set_goal(last_tour_[0]);
         return;
     }

@@ -49,8 +49,10 @@ private:
     std::int64_t from_us_ = -1;
     float vx_m_s_ = 0.0F;                         ///< of the setpoint
     float vy_m_s_ = 0.0F;
-    Frontier left_;                               ///< goal left for a better one
-    float left_known_m2_ = -1.0F;                 ///< area known then; below 0: none was left
+    /// A goal that was flown to, and the area known when it was left; below 0: there is none.
+    struct Left { Frontier goal; float known_m2 = -1.0F; };
+    Left left_;                                   ///< for a better one
+    Left seen_;                                   ///< because it had been seen
 };
 
 }  // namespace noctule

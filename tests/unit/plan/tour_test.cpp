@@ -61,6 +61,10 @@ void a_tour_is_near_the_best_of_all_orders() {
     float sum = 0.0F;
     for (int k = 0; k < 40; ++k) {
         static_cast<void>(places(7, rng, *tour));
+        if (k % 2 == 1) {   // ways weighed by what is still to be revealed
+            for (std::size_t stop = 1; stop <= 7; ++stop) { tour->set_gain(stop, static_cast<float>(1U + (stop * 5U + static_cast<std::size_t>(k)) % 7U)); }
+            tour->weigh(1.5F, 0.2F, 3.0F);
+        }
         Tour::Order order;
         const std::uint8_t first = k % 4 == 3 ? std::uint8_t{2} : Tour::kAny;
         const float length = tour->improve(order, first);
@@ -75,6 +79,25 @@ void a_tour_is_near_the_best_of_all_orders() {
     std::printf("  tours of 7 stops: %.3f of the best on average, at most %.3f\n", static_cast<double>(sum), static_cast<double>(worst));
     TEST_ASSERT_TRUE(sum < 1.03F);
     TEST_ASSERT_TRUE(worst < 1.25F);
+}
+
+// On a line: a pocket close by on the left, a hall farther off on the right. By length the pocket comes first; as the tail it is left for the end.
+void what_reveals_little_is_left_for_the_end() {
+    const auto tour = std::make_unique<Tour>();
+    tour->begin(2);
+    constexpr float kAt[3] = {0.0F, -4.0F, 5.0F};
+    for (std::size_t a = 0; a < 3; ++a) {
+        for (std::size_t b = 0; b < 3; ++b) { tour->set(a, b, std::fabs(kAt[a] - kAt[b])); }
+    }
+    Tour::Order order;
+    static_cast<void>(tour->improve(order, Tour::kAny));
+    TEST_ASSERT_EQUAL(1, order[0]);
+    tour->set_gain(1, 0.3F);
+    tour->set_gain(2, 20.0F);
+    tour->weigh(0.0F, 0.2F, 1.0F);
+    order.clear();
+    TEST_ASSERT_FLOAT_WITHIN(1e-4F, 5.0F + 0.2F * 9.0F, tour->improve(order, Tour::kAny));
+    TEST_ASSERT_EQUAL(2, order[0]);
 }
 
 void a_large_tour_has_no_crossing_left_and_a_warm_start_keeps_it() {
@@ -184,6 +207,7 @@ void every_policy_flies_behind_the_one_interface() {
 int main() {
     UNITY_BEGIN();
     RUN_TEST(a_tour_is_near_the_best_of_all_orders);
+    RUN_TEST(what_reveals_little_is_left_for_the_end);
     RUN_TEST(a_large_tour_has_no_crossing_left_and_a_warm_start_keeps_it);
     RUN_TEST(distances_between_roots_are_those_of_one_field_each);
     RUN_TEST(every_policy_flies_behind_the_one_interface);
