@@ -51,7 +51,7 @@ const NavOutput& Navigator::step(const SensorFrame& frame) {
     output_.t_us = t_us;
     output_.scan_seq = frame.scan.seq;
     output_.estimate = estimate_;
-    output_.setpoint = sent;
+    output_.setpoint = sent.trimmed();
     output_.state = mission_.state();
     output_.reason = mission_.reason();
     output_.ready = mission_.ready();

@@ -120,6 +120,7 @@ void noctule_explore_step(noctule_explore* self, const noctule_explore_in* in, n
     scan.t_us = in->t_us;
     scan.range_max_m = in->range_max_m;
     scan.bearing_increment_rad = in->bearing_increment_rad;
+    scan.range_noise_m = self->parameters.laser_range_noise_m;
     scan.points.clear();
     for (std::int32_t k = 0; k < in->count; ++k) {
         const bool hit = in->range_m[k] < static_cast<double>(in->range_max_m);
@@ -158,8 +159,9 @@ void noctule_explore_step(noctule_explore* self, const noctule_explore_in* in, n
     const std::int64_t planned_ns = thread_ns();
     const Setpoint& wanted = s.reference.step(e, target, in->t_us);
     const bool vertical_free = s.mission.state() == MissionState::taking_off || s.mission.state() == MissionState::landing;
-    const Setpoint& sent = s.guard.decide(e, scan, s.grid, wanted, vertical_free, in->t_us);
-    s.reference.settle(sent);
+    const Setpoint& passed = s.guard.decide(e, scan, s.grid, wanted, vertical_free, in->t_us);
+    s.reference.settle(passed);
+    const Setpoint sent = passed.trimmed();
 
     out->x_m = static_cast<double>(sent.x_m);
     out->y_m = static_cast<double>(sent.y_m);

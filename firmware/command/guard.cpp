@@ -13,8 +13,20 @@ namespace {
 constexpr float kReachM = 1.6F;         ///< hit points farther than this cannot matter within a step
 constexpr float kBlindReachM = 1.0F;    ///< in the sector that the laser does not see the grid's hits stand in
 constexpr float kForesightS = 0.4F;     ///< motion this far ahead must stay clear
+constexpr float kAnswerS = 0.25F;       ///< until the vehicle brakes because of a setpoint
+constexpr float kStopShare = 0.8F;      ///< of the acceleration limit: what a vehicle is sure to brake with
+constexpr float kTurnBackS = 0.5F;      ///< the setpoint is drawn back by what is too fast in this time
+constexpr float kMeanArcM = 0.008F;     ///< hit points this far to either side count into the mean range: noise has no say
+constexpr float kMeanSigmas = 2.0F;     ///< but not what lies deeper or nearer than the noise explains: a wall seen along its face recedes
+constexpr float kLeastSigmaM = 0.003F;
+constexpr float kMostSigmaM = 0.04F;
+constexpr float kMiddleM = 0.01F;       ///< a setpoint off the middle of a gap by less is not pushed
+constexpr float kOppositeShare = 0.3F;  ///< cosine from which a hit point is on the other side
+constexpr float kPushM_S = 0.2F;        ///< at which pushes move a setpoint that would hardly move by itself
 constexpr float kPushedM = 0.001F;      ///< from which a push takes the velocity against it away
 constexpr float kNotableM = 0.01F;      ///< smaller changes do not count as interventions
+constexpr float kMostTrimM = 0.06F;     ///< per axis; the clearances are those of the setpoint without it
+constexpr float kTrimStepM = 0.05F;     ///< per step and axis, what the guard draws the vehicle by included
 constexpr float kMaxGapS = 0.2F;
 constexpr float kStepSlackM = 0.02F;
 constexpr int kPushRounds = 10;
@@ -22,7 +34,7 @@ constexpr int kFenceRounds = 12;        ///< halvings: to 1/4096 of a setpoint's
 
 bool finite(const Setpoint& s) {
     return std::isfinite(s.x_m) && std::isfinite(s.y_m) && std::isfinite(s.z_m) && std::isfinite(s.vx_m_s) && std::isfinite(s.vy_m_s) &&
-           std::isfinite(s.vz_m_s) && std::isfinite(s.yaw_rad);
+           std::isfinite(s.vz_m_s) && std::isfinite(s.yaw_rad) && std::isfinite(s.trim_x_m) && std::isfinite(s.trim_y_m);
 }
 
 }  // namespace
@@ -37,13 +49,30 @@ void Guard::gather(const Estimate& estimate, const LevelScan& scan, const Occupa
     const Pose2<Map, Body>& pose = estimate.planar.pose_map_body;
     float widest_rad = 0.0F;
     float nearest = kReachM;
-    for (const ScanPoint& p : scan.points) {
+    const auto count = static_cast<std::int32_t>(scan.points.size());
+    const float like_m = kMeanSigmas * std::clamp(scan.range_noise_m, kLeastSigmaM, kMostSigmaM);
+    for (std::int32_t k = 0; k < count; ++k) {
+        const ScanPoint& p = scan.points[static_cast<std::size_t>(k)];
         widest_rad = std::max(widest_rad, std::fabs(std::atan2(p.y_m, p.x_m)));
         if (!p.hit) { continue; }
         const float r = std::hypot(p.x_m, p.y_m);
         if (!(r < kReachM)) { continue; }
-        nearest = std::min(nearest, r);
-        const Point2<Map> q = pose * Point2<Body>{p.x_m, p.y_m};
+        // The nearest of a thousand noisy points is always too near: a point counts by the mean range of its neighbours.
+        float sum = r;
+        std::int32_t summed = 1;
+        for (const std::int32_t side : {-1, 1}) {
+            for (std::int32_t n = k + side; n >= 0 && n < count; n += side) {
+                const ScanPoint& q = scan.points[static_cast<std::size_t>(n)];
+                if (std::fabs(p.x_m * q.y_m - p.y_m * q.x_m) > kMeanArcM * r + 1e-6F) { break; }   // about the arc times both ranges
+                const float q_m = std::hypot(q.x_m, q.y_m);
+                if (!q.hit || std::fabs(q_m - r) > like_m) { continue; }
+                sum += q_m;
+                ++summed;
+            }
+        }
+        const float mean = sum / static_cast<float>(summed);
+        nearest = std::min(nearest, mean);
+        const Point2<Map> q = pose * Point2<Body>{p.x_m * mean / r, p.y_m * mean / r};
         static_cast<void>(near_.push({q.x_m, q.y_m}));
     }
     const Cell here = grid.geometry().cell(pose.x_m, pose.y_m);
@@ -77,11 +106,31 @@ float Guard::nearest_m(const float x_m, const float y_m, float& at_x_m, float& a
     return std::sqrt(best);
 }
 
+// Hull and margin, or where both sides are nearer than that, half of the gap less a little: a setpoint in its middle is left alone.
+// Pushes from both sides at once would hold it before the throat, and shoot it out behind.
+float Guard::berth_m(const float x_m, const float y_m) const {
+    const float wanted_m = p_.hull_radius_m + p_.guard_margin_m;
+    const float least_m = p_.hull_radius_m + std::min(p_.guard_least_m, p_.guard_margin_m);
+    float hx = 0.0F;
+    float hy = 0.0F;
+    const float one_m = nearest_m(x_m, y_m, hx, hy);
+    if (one_m < 1e-3F) { return wanted_m; }
+    const float nx = (hx - x_m) / one_m;
+    const float ny = (hy - y_m) / one_m;
+    float other_m = kReachM;
+    for (const Near& n : near_) {
+        const float rx = n.x_m - x_m;
+        const float ry = n.y_m - y_m;
+        const float r_m = std::hypot(rx, ry);
+        if (rx * nx + ry * ny < -kOppositeShare * r_m) { other_m = std::min(other_m, r_m); }
+    }
+    return std::clamp(0.5F * (one_m + other_m) - kMiddleM, least_m, wanted_m);
+}
+
 // The setpoint may not come nearer to a hit point than hull and margin: it is pushed out to that distance, away from the nearest
 // point, again and again; between two sides that ends in the middle. What is still too near then is not sent.
 bool Guard::keep_clear(const Estimate& estimate, const float dt_s) {
     const Pose2<Map, Body>& pose = estimate.planar.pose_map_body;
-    const float wanted_m = p_.hull_radius_m + p_.guard_margin_m;
     const float least_m = p_.hull_radius_m + std::min(p_.guard_least_m, p_.guard_margin_m);
     float hx = 0.0F;
     float hy = 0.0F;
@@ -100,22 +149,22 @@ bool Guard::keep_clear(const Estimate& estimate, const float dt_s) {
         out_.y_m = pose.y_m + safe * dy;
         break;
     }
-    // A vehicle that is off its setpoint on the wrong side: the setpoint lies as far on the other side of the margin, no farther.
-    if (here_m < wanted_m && here_m > 1e-3F) {
-        static_cast<void>(nearest_m(pose.x_m, pose.y_m, hx, hy));
-        const float nx = (pose.x_m - hx) / here_m;
-        const float ny = (pose.y_m - hy) / here_m;
-        const float have = (out_.x_m - hx) * nx + (out_.y_m - hy) * ny;
-        const float push = std::max(0.0F, 2.0F * wanted_m - here_m - have);
-        out_.x_m += push * nx;
-        out_.y_m += push * ny;
-    }
+    const float wanted_m = berth_m(out_.x_m, out_.y_m);
     for (int round = 0; round < kPushRounds; ++round) {
         const float d = nearest_m(out_.x_m, out_.y_m, hx, hy);
         if (d >= wanted_m || d < 1e-3F) { break; }
         const float push = (round + 1 < kPushRounds ? 0.6F : 0.5F) * (wanted_m - d) / d;
         out_.x_m += push * (out_.x_m - hx);
         out_.y_m += push * (out_.y_m - hy);
+    }
+    // Pushed at a walk: out of a throat the pushes of both sides add up along it, and the setpoint would shoot through.
+    if (last_.valid) {
+        const float step = std::hypot(out_.x_m - last_.x_m, out_.y_m - last_.y_m);
+        const float most = std::max(std::hypot(x0 - last_.x_m, y0 - last_.y_m), kPushM_S * dt_s);
+        if (step > most) {
+            out_.x_m = last_.x_m + (out_.x_m - last_.x_m) * most / step;
+            out_.y_m = last_.y_m + (out_.y_m - last_.y_m) * most / step;
+        }
     }
     const float moved = std::hypot(out_.x_m - x0, out_.y_m - y0);
     if (moved > kNotableM) { acted = true; }
@@ -125,6 +174,16 @@ bool Guard::keep_clear(const Estimate& estimate, const float dt_s) {
             out_.vx_m_s -= back * (out_.x_m - x0) / moved;
             out_.vy_m_s -= back * (out_.y_m - y0) / moved;
         }
+    }
+    // A vehicle that is off its setpoint on the wrong side: it is drawn as far to the other side of the margin, no farther.
+    if (here_m < wanted_m && here_m > 1e-3F) {
+        static_cast<void>(nearest_m(pose.x_m, pose.y_m, hx, hy));
+        const float nx = (pose.x_m - hx) / here_m;
+        const float ny = (pose.y_m - hy) / here_m;
+        const float have = (out_.x_m - hx) * nx + (out_.y_m - hy) * ny;
+        const float push = std::max(0.0F, 2.0F * wanted_m - here_m - have);
+        draw_x_m_ += push * nx;
+        draw_y_m_ += push * ny;
     }
     // Velocity towards a point that the motion of the next moment would reach: that component is taken out.
     const float px = out_.x_m + kForesightS * out_.vx_m_s;
@@ -143,6 +202,58 @@ bool Guard::keep_clear(const Estimate& estimate, const float dt_s) {
         }
     }
     return acted;
+}
+
+// What the vehicle does, not what it was told: as it moves now, it goes on for kAnswerS and then brakes. Where that leads nearer to a
+// hit point than the least margin, the setpoint loses the velocity towards it, and is drawn back as far as the vehicle is too fast.
+bool Guard::brake(const Estimate& estimate) {
+    const Pose2<Map, Body>& pose = estimate.planar.pose_map_body;
+    const float vx = estimate.planar.vx_m_s;
+    const float vy = estimate.planar.vy_m_s;
+    const float speed = std::hypot(vx, vy);
+    if (!(speed > 0.05F)) { return false; }
+    const float brake_m_s2 = kStopShare * p_.accel_max_m_s2;
+    const float ux = vx / speed;
+    const float uy = vy / speed;
+    const float stop_m = speed * kAnswerS + 0.5F * speed * speed / brake_m_s2;
+    const float least_m = p_.hull_radius_m + std::min(p_.guard_least_m, p_.guard_margin_m);
+    float worst = 0.0F;
+    float nx = 0.0F;
+    float ny = 0.0F;
+    for (const Near& n : near_) {
+        const float rx = n.x_m - pose.x_m;
+        const float ry = n.y_m - pose.y_m;
+        const float along = rx * ux + ry * uy;
+        if (along <= 0.0F) { continue; }                       // left behind
+        const float aside2 = rx * rx + ry * ry - along * along;
+        if (aside2 >= least_m * least_m) { continue; }         // passed with room
+        // The hull meets it after this way: what is left to brake in, against what braking takes.
+        const float way_m = along - std::sqrt(least_m * least_m - aside2);
+        if (way_m >= stop_m) { continue; }
+        const float lag = brake_m_s2 * kAnswerS;
+        const float allowed = way_m > 0.0F ? std::sqrt(lag * lag + 2.0F * brake_m_s2 * way_m) - lag : 0.0F;
+        // Along the line to the point, of which the motion has this share.
+        const float r = std::max(std::hypot(rx, ry), 1e-3F);
+        const float excess = (speed - allowed) * along / r;
+        if (excess > worst) {
+            worst = excess;
+            nx = rx / r;
+            ny = ry / r;
+        }
+    }
+    if (worst <= 0.0F) { return false; }
+    const float here = (out_.x_m - pose.x_m) * nx + (out_.y_m - pose.y_m) * ny;
+    const float back = here + kTurnBackS * worst;
+    if (back > 0.0F) {
+        draw_x_m_ -= back * nx;
+        draw_y_m_ -= back * ny;
+    }
+    const float towards = out_.vx_m_s * nx + out_.vy_m_s * ny;
+    if (towards > 0.0F) {
+        out_.vx_m_s -= towards * nx;
+        out_.vy_m_s -= towards * ny;
+    }
+    return true;
 }
 
 // Outside the fence: back along the line to the last setpoint, or to the vehicle, whichever is inside, up to where the fence is met.
@@ -201,11 +312,16 @@ const Setpoint& Guard::decide(const Estimate& estimate, const LevelScan& scan, c
         ++interventions_;
         return out_;
     }
+    draw_x_m_ = draw_y_m_ = 0.0F;
+    out_.trim_x_m = std::clamp(out_.trim_x_m, -kMostTrimM, kMostTrimM);
+    out_.trim_y_m = std::clamp(out_.trim_y_m, -kMostTrimM, kMostTrimM);
     if ((lost || stale) && last_.valid) {
         if (std::hypot(out_.x_m - last_.x_m, out_.y_m - last_.y_m) > 1e-4F || std::hypot(out_.vx_m_s, out_.vy_m_s) > 1e-3F) { note(GuardRule::scan_stale); }
         out_.x_m = last_.x_m;
         out_.y_m = last_.y_m;
         out_.yaw_rad = last_.yaw_rad;
+        out_.trim_x_m = last_.trim_x_m;
+        out_.trim_y_m = last_.trim_y_m;
         out_.vx_m_s = out_.vy_m_s = 0.0F;
     }
     if (keep_inside(pose)) { note(GuardRule::fence); }
@@ -224,9 +340,24 @@ const Setpoint& Guard::decide(const Estimate& estimate, const LevelScan& scan, c
         out_.vx_m_s *= p_.speed_max_m_s / speed;
         out_.vy_m_s *= p_.speed_max_m_s / speed;
     }
+    if (!lost && !stale && brake(estimate)) { note(GuardRule::motion); }
     if (!lost && !stale && keep_clear(estimate, dt_s)) { note(GuardRule::clearance); }
+    // Drawn off one side it may not come nearer to the other than the margin.
+    if (draw_x_m_ != 0.0F || draw_y_m_ != 0.0F) {
+        float hx = 0.0F;
+        float hy = 0.0F;
+        const float keep_m = std::min(nearest_m(out_.x_m, out_.y_m, hx, hy), berth_m(out_.x_m, out_.y_m)) - 0.005F;
+        float share = 1.0F;
+        while (share > 0.05F && nearest_m(out_.x_m + share * draw_x_m_, out_.y_m + share * draw_y_m_, hx, hy) < keep_m) { share *= 0.7F; }
+        if (share > 0.05F) {
+            out_.trim_x_m += share * draw_x_m_;
+            out_.trim_y_m += share * draw_y_m_;
+        }
+    }
     // After the pushes, so that the answer never jumps whatever moved it.
     if (last_.valid) {
+        out_.trim_x_m = last_.trim_x_m + std::clamp(out_.trim_x_m - last_.trim_x_m, -kTrimStepM, kTrimStepM);
+        out_.trim_y_m = last_.trim_y_m + std::clamp(out_.trim_y_m - last_.trim_y_m, -kTrimStepM, kTrimStepM);
         const float step = std::hypot(out_.x_m - last_.x_m, out_.y_m - last_.y_m);
         const float most = 1.1F * p_.speed_max_m_s * dt_s + kStepSlackM;
         if (step > most) {

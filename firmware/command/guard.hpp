@@ -25,6 +25,7 @@ enum class GuardRule : std::int32_t {
     speed = 6,           ///< feed-forward above the limits: scaled
     clearance = 7,       ///< nearer to a hit point than hull and margin: stopped before it, or backed away
     ceiling = 8,         ///< nearer to what is above or below than the vertical clearance
+    motion = 9,          ///< the vehicle itself, as fast as it is, could not stop before a hit point: drawn back
 };
 
 class Guard {
@@ -45,6 +46,8 @@ private:
     struct Near { float x_m; float y_m; };
     void gather(const Estimate& estimate, const LevelScan& scan, const OccupancyGrid& grid);
     [[nodiscard]] float nearest_m(float x_m, float y_m, float& at_x_m, float& at_y_m) const;
+    [[nodiscard]] float berth_m(float x_m, float y_m) const;
+    bool brake(const Estimate& estimate);
     bool keep_clear(const Estimate& estimate, float dt_s);
     bool keep_inside(const Pose2<Map, Body>& pose);
     void note(GuardRule rule);
@@ -56,8 +59,10 @@ private:
     Bounded<Near, kMaxBeams> near_;   ///< hit points within reach, frame Map
     GuardRule rule_ = GuardRule::none;
     std::int32_t interventions_ = 0;
-    std::array<std::int32_t, 9> acted_{};
+    std::array<std::int32_t, 10> acted_{};
     float clearance_m_ = 0.0F;
+    float draw_x_m_ = 0.0F;           ///< by which this step draws the vehicle off, beside the setpoint that the reference goes on from
+    float draw_y_m_ = 0.0F;
 };
 
 }  // namespace noctule

@@ -11,11 +11,12 @@ namespace noctule {
 namespace {
 
 constexpr float kMaxGapS = 0.2F;
-constexpr float kBrakeShare = 0.28F;     ///< of the acceleration limit that the speed profile counts on; the rest is for jerk and curves
-constexpr float kOpenBrakeShare = 0.5F;  ///< where there is room for the vehicle to swing past the end
+constexpr float kBrakeShare = 0.35F;     ///< of the acceleration limit that the speed profile counts on; the rest is for jerk and curves
+constexpr float kOpenBrakeShare = 0.6F;  ///< where there is room for the vehicle to swing past the end
 constexpr float kOpenM = 0.75F;          ///< clearance that counts as room
-constexpr float kCurveShare = 0.21F;      ///< of the acceleration limit in curves: a vehicle with a lag swings out in proportion to it
-constexpr float kGentleShare = 0.18F;    ///< of the acceleration limit in the narrowest place
+constexpr float kCurveShare = 0.21F;     ///< of the acceleration limit in curves: a vehicle with a lag swings out in proportion to it
+constexpr float kOpenCurveShare = 0.45F;  ///< where there is room for that
+constexpr float kGentleShare = 0.25F;    ///< of the acceleration limit in the narrowest place
 constexpr float kRoomAheadM = 1.0F;       ///< of the path over which narrow places are looked for
 constexpr float kVelocityTimeS = 0.2F;   ///< in which the velocity wanted is reached, limits permitting
 constexpr float kAheadM = 0.12F;         ///< least distance at which the path is aimed at
@@ -25,6 +26,14 @@ constexpr float kDoneM = 0.01F;
 constexpr float kHeightTimeS = 0.5F;
 constexpr float kHeightAheadM = 0.35F;   ///< of the reference over or under the estimate, at most
 constexpr float kYawAheadRad = 0.6F;
+constexpr float kTurnNearShare = 0.5F;   ///< of the yaw rate beside obstacles: an autopilot whose accelerometer has a bias sways as it turns
+constexpr float kTurnNearM = 0.10F;      ///< hull to obstacle there
+constexpr float kTurnFreeM = 0.30F;      ///< from which it turns at the full rate
+constexpr float kAnswerS = 0.03F;        ///< from a scan to the moment in which its setpoint takes effect
+constexpr float kMostFeedbackM_S = 0.25F;
+constexpr float kExpectedStrayM = 0.02F; ///< what a vehicle may stray without being slowed down for it
+constexpr float kStrayLeastM = 0.025F;   ///< off the reference by this much it is waited for, however narrow the place
+constexpr float kStraySlowest = 0.15F;   ///< share of the speed left then
 
 float clamp_step(const float from, const float to, const float step) { return from + std::clamp(to - from, -step, step); }
 
@@ -38,12 +47,31 @@ void Reference::start_at(const Estimate& estimate) {
     now_.z_m = estimate.altitude.z_m;
     now_.yaw_rad = pose.yaw_rad;
     ax_m_s2_ = ay_m_s2_ = yaw_rate_rad_s_ = 0.0F;
+    response_.rest();
 }
 
 void Reference::settle(const Setpoint& sent) {
     if (!sent.valid) { return; }
-    if (sent.x_m != now_.x_m || sent.y_m != now_.y_m || sent.vx_m_s != now_.vx_m_s || sent.vy_m_s != now_.vy_m_s) { ax_m_s2_ = ay_m_s2_ = 0.0F; }
+    const bool changed = sent.x_m != sent_.x_m || sent.y_m != sent_.y_m || sent.vx_m_s != sent_.vx_m_s || sent.vy_m_s != sent_.vy_m_s;
+    const float vx_m_s = now_.vx_m_s;
+    const float vy_m_s = now_.vy_m_s;
     now_ = sent;
+    if (changed) {
+        ax_m_s2_ = ay_m_s2_ = 0.0F;
+        response_.rest();
+    } else {
+        now_.vx_m_s = vx_m_s;
+        now_.vy_m_s = vy_m_s;
+    }
+}
+
+// Where the vehicle should be by now, less where it is.
+void Reference::measure(const Estimate& estimate, const float dt_s) {
+    const Pose2<Map, Body>& pose = estimate.planar.pose_map_body;
+    short_x_m_ = now_.x_m + (dt_s - kAnswerS) * now_.vx_m_s - pose.x_m;
+    short_y_m_ = now_.y_m + (dt_s - kAnswerS) * now_.vy_m_s - pose.y_m;
+    short_vx_m_s_ = now_.vx_m_s - estimate.planar.vx_m_s;
+    short_vy_m_s_ = now_.vy_m_s - estimate.planar.vy_m_s;
 }
 
 // docs/maths/command.md, equations (1) to (3): greatest speed now from which every limit ahead can still be met.
@@ -57,7 +85,9 @@ float Reference::allowed_speed_m_s(const Target& target) const {
             const float share = kBrakeShare + (kOpenBrakeShare - kBrakeShare) * room;
             speed = std::sqrt(speed * speed + 2.0F * share * p_.accel_max_m_s2 * ds);
         }
-        float limit = speed_at_clearance_m_s(p_, path[k].clearance_m);
+        // Equation (7): what the vehicle strays is not there to fly in.
+        const float stray_m = std::max(0.0F, response_.strays_m() - kExpectedStrayM);
+        float limit = speed_at_clearance_m_s(p_, path[k].clearance_m - stray_m);
         if (k >= kCurveSpan && k + kCurveSpan < path.size()) {
             const PathPoint& a = path[k - kCurveSpan];
             const PathPoint& b = path[k];
@@ -67,7 +97,9 @@ float Reference::allowed_speed_m_s(const Target& target) const {
             if (in > 1e-3F && out > 1e-3F) {
                 const float turn = std::fabs(wrap_angle(std::atan2(c.y_m - b.y_m, c.x_m - b.x_m) - std::atan2(b.y_m - a.y_m, b.x_m - a.x_m)));
                 const float curvature_per_m = 2.0F * turn / (in + out);
-                limit = std::min(limit, std::sqrt(kCurveShare * p_.accel_max_m_s2 / std::max(curvature_per_m, 1e-3F)));
+                const float room = std::clamp((path[k].clearance_m - p_.hull_radius_m) / (kOpenM - p_.hull_radius_m), 0.0F, 1.0F);
+                const float share = kCurveShare + (kOpenCurveShare - kCurveShare) * room;
+                limit = std::min(limit, std::sqrt(share * p_.accel_max_m_s2 / std::max(curvature_per_m, 1e-3F)));
             }
         }
         speed = std::min(speed, limit);
@@ -75,8 +107,8 @@ float Reference::allowed_speed_m_s(const Target& target) const {
     return speed;
 }
 
-// Least speed that the clearances of the next metre allow, as a share of the greatest.
-float Reference::room_ahead(const Target& target) const {
+// Least clearance of the next metre.
+float Reference::least_ahead_m(const Target& target) {
     const auto& path = target.path;
     float least_m = 10.0F;
     float gone_m = 0.0F;
@@ -84,7 +116,13 @@ float Reference::room_ahead(const Target& target) const {
         if (k > 0U) { gone_m += std::hypot(path[k].x_m - path[k - 1U].x_m, path[k].y_m - path[k - 1U].y_m); }
         least_m = std::min(least_m, path[k].clearance_m);
     }
-    return speed_at_clearance_m_s(p_, least_m) / p_.speed_max_m_s;
+    return least_m;
+}
+
+// Equation (8): a vehicle that is off the reference by more than half the room to the sides ahead is waited for.
+float Reference::patience(const Target& target) const {
+    const float may_m = std::max(kStrayLeastM, 0.5F * (least_ahead_m(target) - p_.hull_radius_m));
+    return std::clamp(2.0F - std::hypot(short_x_m_, short_y_m_) / may_m, kStraySlowest, 1.0F);
 }
 
 void Reference::move_along(const Target& target, const Estimate& estimate, const float dt_s) {
@@ -125,7 +163,7 @@ void Reference::move_along(const Target& target, const Estimate& estimate, const
             if (path.size() == 1U) {  // a single point: straight to it
                 v = std::min(speed_at_clearance_m_s(p_, path[0].clearance_m), std::sqrt(2.0F * kBrakeShare * p_.accel_max_m_s2 * left));
             }
-            v = std::min(v, left / kVelocityTimeS * 0.7F);
+            v = std::min(v, left / kVelocityTimeS * 0.7F) * patience(target);
             if (speed > 0.15F) {  // turning round: brake first, so that the old motion does not carry into what the path avoids
                 const float along = (now_.vx_m_s * ux + now_.vy_m_s * uy) / speed;
                 v *= std::clamp(along, 0.1F, 1.0F);
@@ -146,7 +184,7 @@ void Reference::move_along(const Target& target, const Estimate& estimate, const
     float ay = (want_vy - now_.vy_m_s) / kVelocityTimeS;
     // Before and in narrow places it is gentle: a vehicle that answers with a lag swings in proportion to the acceleration.
     const float a = std::hypot(ax, ay);
-    const float most_a = p_.accel_max_m_s2 * (kGentleShare + (1.0F - kGentleShare) * room_ahead(target));
+    const float most_a = p_.accel_max_m_s2 * (kGentleShare + (1.0F - kGentleShare) * speed_at_clearance_m_s(p_, least_ahead_m(target)) / p_.speed_max_m_s);
     if (a > most_a) {
         ax *= most_a / a;
         ay *= most_a / a;
@@ -189,10 +227,12 @@ void Reference::move_height(const Target& target, const Estimate& estimate, cons
     now_.z_m += now_.vz_m_s * dt_s;
 }
 
-void Reference::turn(const float yaw_rad, const Estimate& estimate, const float dt_s) {
+void Reference::turn(const float yaw_rad, const float clearance_m, const Estimate& estimate, const float dt_s) {
+    const float room = std::clamp((clearance_m - p_.hull_radius_m - kTurnNearM) / (kTurnFreeM - kTurnNearM), 0.0F, 1.0F);
+    const float most = p_.yaw_rate_max_rad_s * (kTurnNearShare + (1.0F - kTurnNearShare) * room);
     const float left = wrap_angle(yaw_rad - now_.yaw_rad);
     const float brake = std::sqrt(2.0F * kBrakeShare * p_.yaw_accel_rad_s2 * std::fabs(left));
-    const float rate = std::min({p_.yaw_rate_max_rad_s, brake, std::fabs(left) / kVelocityTimeS});
+    const float rate = std::min({most, brake, std::fabs(left) / kVelocityTimeS});
     const float lead = wrap_angle(now_.yaw_rad - estimate.planar.pose_map_body.yaw_rad);
     const bool waits = std::fabs(lead) > kYawAheadRad && lead * left > 0.0F;
     yaw_rate_rad_s_ = clamp_step(yaw_rate_rad_s_, waits ? 0.0F : std::copysign(rate, left), p_.yaw_accel_rad_s2 * dt_s);
@@ -204,17 +244,38 @@ const Setpoint& Reference::step(const Estimate& estimate, const Target& target, 
     t_us_ = t_us;
     if (target.mode == Target::Mode::none) {
         start_at(estimate);
-        return now_;
+        return sent_ = now_;
     }
     if (!now_.valid) { start_at(estimate); }
     now_.valid = true;
-    if (target.mode == Target::Mode::ground) { return now_; }
+    if (target.mode == Target::Mode::ground) { return sent_ = now_; }
     if (dt_s > 0.0F) {
+        measure(estimate, dt_s);
+        if (target.mode == Target::Mode::land) {
+            response_.rest();
+            short_x_m_ = short_y_m_ = short_vx_m_s_ = short_vy_m_s_ = 0.0F;
+        } else {
+            response_.step(ax_m_s2_, ay_m_s2_, short_x_m_, short_y_m_, dt_s);
+        }
         move_along(target, estimate, dt_s);
         move_height(target, estimate, dt_s);
-        turn(target.mode == Target::Mode::hold ? now_.yaw_rad : target.yaw_rad, estimate, dt_s);
+        turn(target.mode == Target::Mode::hold ? now_.yaw_rad : target.yaw_rad, target.path.empty() ? 1.0F : target.path[0].clearance_m, estimate, dt_s);
     }
-    return now_;
+    sent_ = now_;
+    // Equation (6): lead and feedback, as far as the speed limit lets them through.
+    const float ex = short_vx_m_s_ * response_.velocity_gain() + short_x_m_ * response_.place_gain();
+    const float ey = short_vy_m_s_ * response_.velocity_gain() + short_y_m_ * response_.place_gain();
+    const float share = std::min(1.0F, kMostFeedbackM_S / std::max(std::hypot(ex, ey), 1e-3F));
+    sent_.trim_x_m = response_.trim_x_m();
+    sent_.trim_y_m = response_.trim_y_m();
+    sent_.vx_m_s += response_.lead_s() * ax_m_s2_ + share * ex;
+    sent_.vy_m_s += response_.lead_s() * ay_m_s2_ + share * ey;
+    const float speed = std::hypot(sent_.vx_m_s, sent_.vy_m_s);
+    if (speed > p_.speed_max_m_s) {
+        sent_.vx_m_s *= p_.speed_max_m_s / speed;
+        sent_.vy_m_s *= p_.speed_max_m_s / speed;
+    }
+    return sent_;
 }
 
 }  // namespace noctule

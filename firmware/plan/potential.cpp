@@ -19,6 +19,8 @@ constexpr std::int32_t kSmoothRounds = 12;
 constexpr float kSoftPush = 0.2F;      ///< share of what is lacking to the clearance wanted that a round pushes a point away
 constexpr float kHardPush = 0.5F;      ///< and of what is lacking to hull and kRoomM: more than the band pulls back round a corner
 constexpr float kRoomM = 0.18F;
+constexpr float kCentreM = 0.14F;      ///< hull and less than this: the line is centred exactly
+constexpr float kCentreSteps[] = {0.02F, 0.01F, 0.005F, 0.0025F};
 constexpr float kLongestM = 3.0F;      ///< of the path ahead: twice what stopping from full speed needs
 
 }  // namespace
@@ -175,6 +177,33 @@ bool Potential::trace(const OccupancyGrid& grid, const Traversability& where, co
     return true;
 }
 
+// Where it is narrow each point goes across the line to where there is most room: in a gap, to its middle.
+void Potential::centre(const OccupancyGrid& grid, Bounded<PathPoint, kMaxPathPoints>& path) const {
+    const float narrow_m = p_.hull_radius_m + kCentreM;
+    for (std::size_t k = 1; k + 1U < path.size(); ++k) {
+        PathPoint& p = path[k];
+        float room_m = grid.clearance_m(p.x_m, p.y_m, narrow_m);
+        if (room_m >= narrow_m) { continue; }
+        const float dx = path[k + 1U].x_m - path[k - 1U].x_m;
+        const float dy = path[k + 1U].y_m - path[k - 1U].y_m;
+        const float length = std::hypot(dx, dy);
+        if (length < 1e-3F) { continue; }
+        for (const float step : kCentreSteps) {
+            for (const float side : {step, -step}) {
+                for (int times = 0; times < 3; ++times) {
+                    const float to_x_m = p.x_m - side * dy / length;
+                    const float to_y_m = p.y_m + side * dx / length;
+                    const float there_m = grid.clearance_m(to_x_m, to_y_m, narrow_m);
+                    if (!(there_m > room_m)) { break; }
+                    room_m = there_m;
+                    p.x_m = to_x_m;
+                    p.y_m = to_y_m;
+                }
+            }
+        }
+    }
+}
+
 // An elastic band: each inner point is drawn to the middle of its neighbours and pushed away from the nearest hit point.
 void Potential::smooth(const OccupancyGrid& grid, Bounded<PathPoint, kMaxPathPoints>& path) const {
     const float wanted_m = std::min(p_.comfort_clearance_m, p_.hull_radius_m + 0.25F);
@@ -202,6 +231,7 @@ void Potential::smooth(const OccupancyGrid& grid, Bounded<PathPoint, kMaxPathPoi
             p.y_m = y_m;
         }
     }
+    centre(grid, path);
     for (PathPoint& p : path) { p.clearance_m = grid.clearance_m(p.x_m, p.y_m, 0.01F * static_cast<float>(Traversability::kCapCm)); }
     // What the band may have drawn too near to something is cut off: the reference stops before it.
     const float least_m = std::min(p_.hull_radius_m + 0.5F * p_.plan_margin_m, path[0].clearance_m);

@@ -15,6 +15,7 @@ constexpr std::int32_t kNearTiles = 1;        ///< tiles round the vehicle looke
 constexpr std::int32_t kFarTilesPerStep = 8;  ///< others, in turn
 constexpr std::int32_t kSide = 3 * kBlockCells;
 constexpr float kClosedM = 0.2F;              ///< radius of a closed place
+constexpr float kStepsCells[] = {0.4F, 0.2F, 0.1F};   ///< in which the roomiest point of a cell is looked for
 constexpr float kUnknownCells = 2.5F;         ///< an unknown cell whose centre is nearer than this is under the hull (0.25 m at 0.10 m)
 
 constexpr float kCapM = 0.01F * static_cast<float>(Traversability::kCapCm);
@@ -185,6 +186,33 @@ void Traversability::update(const OccupancyGrid& grid, const float x_m, const fl
     }
 }
 
+// A gap's middle seldom lies on a cell's centre: where the hull hardly does not fit there, the roomiest point of the cell counts.
+float Traversability::roomiest_m(const OccupancyGrid& grid, const float x_m, const float y_m, const float centre_m) const {
+    const float need_m = 0.01F * static_cast<float>(need_cm_);
+    const float cell_m = grid.geometry().cell_m();
+    if (centre_m >= need_m || centre_m <= need_m - cell_m) { return centre_m; }
+    float at_x_m = x_m;
+    float at_y_m = y_m;
+    float hit_x_m = x_m;
+    float hit_y_m = y_m;
+    float room_m = grid.clearance_m(x_m, y_m, need_m, &hit_x_m, &hit_y_m);
+    for (const float step : kStepsCells) {
+        const float away = step * cell_m / std::max(room_m, cell_m);
+        const float to_x_m = std::clamp(at_x_m + away * (at_x_m - hit_x_m), x_m - 0.5F * cell_m, x_m + 0.5F * cell_m);
+        const float to_y_m = std::clamp(at_y_m + away * (at_y_m - hit_y_m), y_m - 0.5F * cell_m, y_m + 0.5F * cell_m);
+        float there_x_m = hit_x_m;
+        float there_y_m = hit_y_m;
+        const float there_m = grid.clearance_m(to_x_m, to_y_m, need_m + cell_m, &there_x_m, &there_y_m);
+        if (!(there_m > room_m)) { continue; }
+        room_m = there_m;
+        at_x_m = to_x_m;
+        at_y_m = to_y_m;
+        hit_x_m = there_x_m;
+        hit_y_m = there_y_m;
+    }
+    return std::max(centre_m, room_m);
+}
+
 void Traversability::compute(const OccupancyGrid& grid, const std::int32_t block) {
     ++blocks_done_;
     const std::int32_t slot = block >> 6;
@@ -237,7 +265,8 @@ void Traversability::compute(const OccupancyGrid& grid, const std::int32_t block
             const auto kj = static_cast<std::size_t>(j);
             std::uint8_t result = 0;
             if ((free_cells[kj] >> ki & 1U) != 0U && fence_.depth_m(middle_x_m[ki], middle_y_m[kj]) >= kFenceInsetM) {
-                result = static_cast<std::uint8_t>(std::clamp<std::int32_t>(static_cast<std::int32_t>(100.0F * std::sqrt(nearest_m2[kj][ki])), 1, kCapCm));
+                const float room_m = roomiest_m(grid, middle_x_m[ki], middle_y_m[kj], std::sqrt(nearest_m2[kj][ki]));
+                result = static_cast<std::uint8_t>(std::clamp<std::int32_t>(static_cast<std::int32_t>(std::lround(100.0F * room_m)), 1, kCapCm));
                 for (const Closed& c : closed_) {
                     if (std::hypot(c.x_m - middle_x_m[ki], c.y_m - middle_y_m[kj]) < kClosedM) { result = std::min(result, std::uint8_t{1}); }
                 }

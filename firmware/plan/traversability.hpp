@@ -1,6 +1,6 @@
 /// Where the hull fits: per cell the distance to the nearest hit point, kept up to date block by block.
 ///
-/// A free cell is passable when no hit point is nearer to its centre than the hull radius and a margin, and no unknown cell
+/// A free cell is passable when somewhere in it no hit point is nearer than the hull radius and a margin, and no unknown cell
 /// lies under the hull, and the place is inside the fence. Distances are measured to hit points, not to squares of cells: docs/maths/grid.md, "clearance".
 /// Recomputed in blocks of 8 x 8 cells whose neighbourhood changed: blocks near the vehicle at once, the others in turn,
 /// a bounded number a step. No heap.
@@ -38,7 +38,8 @@ public:
 
     static constexpr std::int32_t kCapCm = 80;   ///< distances are known up to here
 
-    /// Distance of a free cell's centre to the nearest hit [cm], at most kCapCm; 0: not free, or outside the fence.
+    /// Distance of a free cell's centre to the nearest hit [cm], at most kCapCm; where the hull hardly fits, of the cell's roomiest
+    /// point. 0: not free, or outside the fence.
     [[nodiscard]] std::int32_t clearance_cm(const CellId id) const { return id == kNoCell ? 0 : byte(id) & 0x7F; }
     /// True: hull and margin fit, and nothing unknown is under the hull.
     [[nodiscard]] bool passable(const CellId id) const { return id != kNoCell && passable_byte(byte(id)); }
@@ -72,6 +73,7 @@ private:
     void look_for_changes(const OccupancyGrid& grid, std::int32_t slot);
     void enqueue(std::int32_t block);
     void compute(const OccupancyGrid& grid, std::int32_t block);
+    [[nodiscard]] float roomiest_m(const OccupancyGrid& grid, float x_m, float y_m, float centre_m) const;
 
     const Parameters& p_;
     std::array<std::array<std::uint8_t, kTileArea>, kMaxTiles> value_{};

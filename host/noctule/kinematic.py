@@ -45,14 +45,14 @@ class _Tile(ctypes.Structure):
 
 
 @njit(cache=True)
-def _follow(state, setpoint, armed):
+def _follow(state, setpoint, armed, lag_s):
     """One step of the vehicle. state (8,): x y z yaw vx vy vz length, frame Map, changed in place."""
     if armed:
         dt = STEP_S / 5
         for _ in range(5):
             for axis in range(3):
                 want = setpoint[4 + axis] + 1.2 * (setpoint[axis] - state[axis])
-                state[4 + axis] += (want - state[4 + axis]) * dt / 0.15
+                state[4 + axis] += (want - state[4 + axis]) * dt / lag_s
                 state[axis] += state[4 + axis] * dt
             state[2] = max(0.0, state[2])
             turn = setpoint[3] - state[3]
@@ -97,7 +97,7 @@ def _load():
     return abi
 
 
-def explore(world, seed: int, parameters: dict[str, float], max_time_s: float = 1800.0, floor_truth=None, watch=None) -> Exploration:
+def explore(world, seed: int, parameters: dict[str, float], max_time_s: float = 1800.0, floor_truth=None, watch=None, lag_s: float = 0.15) -> Exploration:
     """Explores one floor of a world from its start.
 
     Args:
@@ -106,6 +106,7 @@ def explore(world, seed: int, parameters: dict[str, float], max_time_s: float = 
         parameters: tunables by name; the rest keep their defaults.
         floor_truth: of that floor, if it is at hand.
         watch: called as watch(t_s, state, out) in every step.
+        lag_s: in which the vehicle's velocity follows what its position loop wants.
     """
     abi = _load()
     rng = np.random.default_rng(seed)
@@ -154,7 +155,7 @@ def explore(world, seed: int, parameters: dict[str, float], max_time_s: float = 
         plan_ns.append(out.plan_ns)
         if out.state == 1 and not armed:
             armed, began_s = True, t_s
-        _follow(state, delayed, armed and bool(out.setpoint_valid))
+        _follow(state, delayed, armed and bool(out.setpoint_valid), lag_s)
         delayed[:4] = out.x_m, out.y_m, out.z_m, out.yaw_rad
         delayed[4:7] = out.vx_m_s, out.vy_m_s, out.vz_m_s
         if step % SCORE_EVERY == 0:

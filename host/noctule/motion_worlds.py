@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import random
 
 
 def _turned(x_m: float, y_m: float, angle_rad: float) -> list[float]:
@@ -48,3 +49,33 @@ def front_door_fence() -> dict[str, float]:
     for k, (x, y) in enumerate(((-4.2, -3.2), (4.0, -3.2), (4.0, 3.2), (-4.2, 3.2)), start=1):
         fence[f"fence_{k}_x_m"], fence[f"fence_{k}_y_m"] = c * (x - x0) + s * (y - y0), c * (y - y0) - s * (x - x0)
     return fence
+
+
+def clutter(seed: int) -> dict:
+    """Five rooms of 12 x 8 m in all, turned by any angle: doors of 0.74 to 1.0 m, table legs, thin and thick pillars, cupboards askew."""
+    draw = random.Random(seed)
+    angle_rad = math.radians(draw.uniform(0, 90))
+    walls = [(0, 0, 12, 0), (12, 0, 12, 8), (12, 8, 0, 8), (0, 8, 0, 0), (4, 0, 4, 8), (8, 0, 8, 8), (4, 4, 8, 4), (8, 3.6, 12, 3.6)]
+    spans = {4: ((1.2, 2.4), (5.4, 6.6)), 5: ((1.2, 6.6),), 6: ((1.2, 2.8),), 7: ((1.2, 2.8),)}
+    doors = {wall: [{"at": draw.uniform(*span), "width": draw.choice((0.74, 0.78, 0.80, 0.85, 0.90, 1.00)), "height": 2.1} for span in of]
+             for wall, of in spans.items()}
+    start = (1.2, 1.2)
+    plan = _described(f"clutter_{seed}", walls, start, draw.uniform(-3.1, 3.1) - angle_rad, angle_rad, doors)
+
+    def place(border_m: float) -> tuple[float, float]:
+        while True:
+            x, y = draw.uniform(border_m, 12 - border_m), draw.uniform(border_m, 8 - border_m)
+            if math.hypot(x - start[0], y - start[1]) > 1.2:
+                return x, y
+
+    legs, cupboards, pillars = [], [], []
+    for _ in range(3):
+        (x, y), turn = place(0.8), draw.uniform(0, 3)
+        legs += [(x + dx * math.cos(turn) - dy * math.sin(turn), y + dx * math.sin(turn) + dy * math.cos(turn)) for dx in (-0.4, 0.4) for dy in (-0.3, 0.3)]
+    for _ in range(5):
+        cupboards.append({"at": _turned(*place(0.6), angle_rad), "size": [draw.uniform(0.3, 0.7), draw.uniform(0.3, 0.7), draw.uniform(1.3, 2.0)],
+                          "yaw_deg": draw.uniform(0, 180)})
+    for radius in (0.02, 0.04, 0.15):
+        pillars.append({"at": _turned(*place(0.6), angle_rad), "radius": radius, "height": 2.5})
+    pillars += [{"at": _turned(*leg, angle_rad), "radius": 0.025, "height": 2.2} for leg in legs]
+    return plan | {"boxes": cupboards, "pillars": pillars}

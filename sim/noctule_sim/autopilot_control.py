@@ -9,14 +9,25 @@ docs/maths/vehicle.md, section 5. Frame Map (forward-left-up) and Body (forward-
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 from .autopilot_estimator import Estimator
 from .vehicle import GRAVITY_M_S2, Airframe
 
-POSITION_P = 1.7            # 1/s
+
+class Gains(NamedTuple):
+    """Of the horizontal loops: position [1/s], velocity [1/s], its integral [1/s^2], share of the setpoints' acceleration fed forward."""
+
+    position: float
+    velocity: float
+    integral: float
+    feed: float
+
+
+BRISK = Gains(1.7, 4.0, 1.2, 1.0)
+SLUGGISH = Gains(0.95, 1.8, 0.4, 0.0)   # PX4's defaults: a setpoint that brakes is flown past
+
 HEIGHT_P = 1.6              # 1/s
-VELOCITY_P = 4.0            # 1/s
-VELOCITY_I = 1.2            # 1/s^2
 CLIMB_P = 5.0               # 1/s
 CLIMB_I = 2.0               # 1/s^2
 ATTITUDE_P = 7.5            # 1/s
@@ -69,6 +80,7 @@ class Controller:
     def __init__(self, airframe: Airframe, carry_s: float = CARRY_S):
         self.airframe = airframe
         self.carry_s = carry_s
+        self.gains = BRISK
         self.rotors = [0.0, 0.0, 0.0, 0.0]
         self.lift = 0.0
         self.climb_wanted_m_s = 0.0
@@ -98,26 +110,27 @@ class Controller:
 
         Source: docs/maths/vehicle.md, equations (20) to (26).
         """
+        g = self.gains
         if blind:  # brake on the inertial velocity, which is good for some seconds
-            ax = max(-BLIND_ACCEL_MAX_M_S2, min(BLIND_ACCEL_MAX_M_S2, -0.5 * VELOCITY_P * e.vx))
-            ay = max(-BLIND_ACCEL_MAX_M_S2, min(BLIND_ACCEL_MAX_M_S2, -0.5 * VELOCITY_P * e.vy))
+            ax = max(-BLIND_ACCEL_MAX_M_S2, min(BLIND_ACCEL_MAX_M_S2, -0.5 * g.velocity * e.vx))
+            ay = max(-BLIND_ACCEL_MAX_M_S2, min(BLIND_ACCEL_MAX_M_S2, -0.5 * g.velocity * e.vy))
             climb = sp.vz
         else:
             carry = min(self.carry_s, max(0.0, (e.t_us - sp.t_us) * 1e-6))
-            vx = sp.vx + POSITION_P * (sp.x + carry * sp.vx - e.x)
-            vy = sp.vy + POSITION_P * (sp.y + carry * sp.vy - e.y)
+            vx = sp.vx + g.position * (sp.x + carry * sp.vx - e.x)
+            vy = sp.vy + g.position * (sp.y + carry * sp.vy - e.y)
             speed = math.sqrt(vx * vx + vy * vy)
             if speed > SPEED_MAX_M_S:
                 vx, vy = vx * SPEED_MAX_M_S / speed, vy * SPEED_MAX_M_S / speed
             climb = sp.vz + HEIGHT_P * (sp.z + carry * sp.vz - e.z)
             ex, ey = vx - e.vx, vy - e.vy
-            ax, ay = sp.ax + VELOCITY_P * ex + self._ix, sp.ay + VELOCITY_P * ey + self._iy
+            ax, ay = g.feed * sp.ax + g.velocity * ex + self._ix, g.feed * sp.ay + g.velocity * ey + self._iy
             size = math.sqrt(ax * ax + ay * ay)
             if size > ACCEL_MAX_M_S2:
                 ax, ay = ax * ACCEL_MAX_M_S2 / size, ay * ACCEL_MAX_M_S2 / size
             else:
-                self._ix = max(-2.0, min(2.0, self._ix + dt_s * VELOCITY_I * ex))
-                self._iy = max(-2.0, min(2.0, self._iy + dt_s * VELOCITY_I * ey))
+                self._ix = max(-2.0, min(2.0, self._ix + dt_s * g.integral * ex))
+                self._iy = max(-2.0, min(2.0, self._iy + dt_s * g.integral * ey))
         climb = max(-SINK_MAX_M_S, min(CLIMB_MAX_M_S, climb))
         self.climb_wanted_m_s = climb
         ez = climb - e.vz

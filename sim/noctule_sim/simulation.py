@@ -15,13 +15,14 @@ from typing import Callable, NamedTuple
 import numpy as np
 
 from .autopilot import Autopilot, Landed, Mode
+from .autopilot_control import SLUGGISH
 from .geometry import Geometry
 from .sensors import PROFILES, Barometer, Imu, Laser, Magnetometer, RangeSensor
 from .vehicle import PHYSICS_STEP_S, Airframe, Vehicle, quaternion_to_euler
 from .world import World
 
 TICK_US = 50_000
-FAULTS = ("odometry-cut", "setpoint-cut", "lidar-cut", "imu-50hz", "battery-drain")
+FAULTS = ("odometry-cut", "setpoint-cut", "lidar-cut", "imu-50hz", "battery-drain", "sluggish")
 DRAIN_PER_S = 1.0 / 150.0  # share of the battery that a drain takes beside what flying takes
 SETTLE_S = 1.0            # the simulation goes on for this long after landing and disarming
 CONTACT_GAP_S = 0.5       # contacts closer than this are one collision
@@ -256,6 +257,8 @@ class Simulation:
         vehicle, autopilot = self.vehicle, self.autopilot
         if t_us >= self.faults.get("battery-drain", math.inf):
             autopilot.battery = max(0.0, autopilot.battery - DRAIN_PER_S * TICK_US * 1e-6)
+        if self.external is None and t_us >= self.faults.get("sluggish", math.inf):
+            autopilot.controller.gains = SLUGGISH
         errors = self.imu.errors(self._spans[odd])
         demand = autopilot.rotors
         samples: list[Inertial] = []

@@ -25,6 +25,15 @@ def test_a_door_of_0_80_m_at_17_degrees_is_passed_without_contact():
 
 
 @pytest.mark.flight
+def test_a_vehicle_that_flies_past_its_setpoints_touches_nothing():
+    job = bench_motion.door_jobs(0.80, (45,), (-0.8,))[0]       # before the guard looked at the vehicle's own motion: two contacts
+    result = bench_motion.fly(bench_motion.Job("sluggish", job.world, faults=["sluggish@0"], axis_deg=job.axis_deg))
+    assert bench_motion.passed(result), result["reason"]
+    assert result["min_clearance_m"] >= 0.05
+    assert result["parts"]["tracking_error_m"] > 0.03           # it is sluggish: else the flight shows nothing
+
+
+@pytest.mark.flight
 def test_an_open_front_door_ends_nothing():
     fence = motion_worlds.front_door_fence()
     inside = bench_motion.fly(bench_motion.Job("fence", motion_worlds.open_front_door(), parameters=fence, axis_deg=11.0))

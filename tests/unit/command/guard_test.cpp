@@ -2,6 +2,7 @@
 #include <cmath>
 #include <limits>
 #include <memory>
+#include <random>
 
 #include "command/guard.hpp"
 #include "unity.h"
@@ -163,6 +164,84 @@ void it_stops_before_a_wall_whatever_is_wanted() {
     TEST_ASSERT_TRUE(d->guard.acted(GuardRule::clearance) > 0);
 }
 
+void a_vehicle_that_flies_past_its_setpoint_is_drawn_back() {
+    // GIVEN a setpoint that stands well clear of a wall, and a vehicle that flies on towards the wall at 0.6 m/s
+    const auto d = std::make_unique<Desk>();
+    d->wall_at(0.50F);
+    d->estimate.planar.vx_m_s = 0.6F;
+    static_cast<void>(d->decide(Desk::go(0.0F, 0.0F)));
+    for (int k = 0; k < 3; ++k) { static_cast<void>(d->decide(Desk::go(0.05F, 0.0F))); }
+    const Setpoint out = d->decide(Desk::go(0.05F, 0.0F)).trimmed();
+    // THEN it is told to go back, while there is room
+    TEST_ASSERT_EQUAL(GuardRule::motion, d->guard.rule());
+    TEST_ASSERT_TRUE(out.x_m < -0.05F);
+    TEST_ASSERT_TRUE(out.vx_m_s <= 0.0F);
+    // AND one that is slow enough to stop, or flies along the wall, is left alone
+    for (const float vx_m_s : {0.1F, 0.0F}) {
+        const auto e = std::make_unique<Desk>();
+        e->wall_at(0.50F);
+        e->estimate.planar.vx_m_s = vx_m_s;
+        e->estimate.planar.vy_m_s = 0.6F;
+        static_cast<void>(e->decide(Desk::go(0.02F, 0.02F)));
+        TEST_ASSERT_EQUAL_INT32(0, e->guard.interventions());
+    }
+}
+
+void a_sluggish_vehicle_is_stopped_in_time() {
+    // A vehicle that answers as PX4 does with its defaults, a planner that brakes too late: at 0.5 m/s to 0.40 m before the wall.
+    const auto d = std::make_unique<Desk>();
+    constexpr float kWall = 2.0F;
+    float x_m = 0.0F;
+    float v_m_s = 0.5F;
+    float wanted_m = 0.0F;
+    float nearest = 10.0F;
+    for (int k = 0; k < 200; ++k) {
+        d->scan.points.clear();
+        d->wall_at(kWall - x_m);
+        d->estimate.planar.pose_map_body = {x_m, 0.0F, 0.0F};
+        d->estimate.planar.vx_m_s = v_m_s;
+        Setpoint s = Desk::go(wanted_m, 0.0F);
+        s.vx_m_s = wanted_m < kWall - 0.45F ? 0.5F : 0.0F;
+        wanted_m += 0.05F * s.vx_m_s;
+        const Setpoint out = d->decide(s).trimmed();
+        for (int part = 0; part < 10; ++part) {
+            v_m_s += 0.005F * 1.8F * (out.vx_m_s + 0.95F * (out.x_m - x_m) - v_m_s);
+            x_m += 0.005F * v_m_s;
+        }
+        nearest = std::min(nearest, kWall - x_m);
+    }
+    TEST_ASSERT_TRUE_MESSAGE(nearest > d->p.hull_radius_m + 0.03F, "came too near");
+    TEST_ASSERT_TRUE_MESSAGE(nearest < d->p.hull_radius_m + 0.2F, "never came near: the test shows nothing");
+    TEST_ASSERT_TRUE(d->guard.acted(GuardRule::motion) > 0);
+}
+
+void noise_does_not_bring_a_wall_nearer() {
+    const auto d = std::make_unique<Desk>();
+    d->scan.range_noise_m = 0.03F;
+    std::mt19937 rng(11);
+    std::normal_distribution<float> noise_m(0.0F, 0.03F);
+    float nearest_m = 10.0F;
+    for (int k = -200; k <= 200; ++k) {                  // a wall at 0.40 m seen with 3 cm of noise, 1 mm apart
+        const float bearing_rad = 0.0025F * static_cast<float>(k);
+        const float range_m = 0.40F / std::cos(bearing_rad) + noise_m(rng);
+        nearest_m = std::min(nearest_m, range_m);
+        d->point(range_m * std::cos(bearing_rad), range_m * std::sin(bearing_rad));
+    }
+    TEST_ASSERT_TRUE_MESSAGE(nearest_m < 0.34F, "no noise: the test shows nothing");
+    static_cast<void>(d->decide(Desk::go(0.0F, 0.0F)));
+    TEST_ASSERT_FLOAT_WITHIN(0.045F, 0.10F, d->guard.clearance_m());
+    TEST_ASSERT_TRUE(d->guard.clearance_m() > nearest_m - d->p.hull_radius_m + 0.02F);
+}
+
+void a_corner_is_not_smoothed_away() {
+    // The end of a wall beside the vehicle: its face recedes along the beams, 0.35 m away.
+    const auto d = std::make_unique<Desk>();
+    d->scan.range_noise_m = 0.01F;
+    for (int k = 0; k < 60; ++k) { d->point(-0.0004F * static_cast<float>(k), 0.35F + 0.012F * static_cast<float>(k)); }
+    static_cast<void>(d->decide(Desk::go(0.0F, 0.0F)));
+    TEST_ASSERT_FLOAT_WITHIN(0.01F, 0.05F, d->guard.clearance_m());
+}
+
 void it_backs_away_from_what_is_inside_its_margin() {
     const auto d = std::make_unique<Desk>();
     d->wall_at(0.33F);
@@ -178,11 +257,28 @@ void between_two_jambs_it_goes_to_the_middle() {
     constexpr float kOff = 0.08F;                     // the vehicle is off the middle
     d->estimate.planar.pose_map_body = {0.05F, kOff, 0.0F};
     for (int k = 0; k <= 25; ++k) {
-        d->point(0.0F, 0.35F - kOff + 0.02F * static_cast<float>(k));
-        d->point(0.0F, -0.35F - kOff - 0.02F * static_cast<float>(k));
+        d->point(0.02F * static_cast<float>(k) - 0.05F, 0.35F - kOff);
+        d->point(0.02F * static_cast<float>(k) - 0.05F, -0.35F - kOff);
     }
     const Setpoint& out = d->decide(Desk::go(0.05F, kOff));
     TEST_ASSERT_TRUE(std::fabs(out.y_m) < 0.02F);
+}
+
+void a_setpoint_in_the_middle_of_a_throat_is_left_alone() {
+    // A gap of 0.70 m ahead: nearer to both jambs than the margin, and yet nothing holds it back or hurries it.
+    for (const float x_m : {-0.06F, -0.03F, 0.0F, 0.03F, 0.06F}) {
+        const auto d = std::make_unique<Desk>();
+        d->estimate.planar.pose_map_body = {x_m - 0.01F, 0.0F, 0.0F};
+        for (int k = 0; k <= 40; ++k) {
+            d->point(0.01F - x_m, 0.35F + 0.01F * static_cast<float>(k));
+            d->point(0.01F - x_m, -0.35F - 0.01F * static_cast<float>(k));
+        }
+        Setpoint s = Desk::go(x_m, 0.0F);
+        s.vx_m_s = 0.2F;
+        const Setpoint& out = d->decide(s);
+        TEST_ASSERT_FLOAT_WITHIN(0.002F, x_m, out.x_m);
+        TEST_ASSERT_TRUE(out.vx_m_s > 0.12F);
+    }
 }
 
 void the_blind_sector_is_guarded_by_the_map() {
@@ -226,8 +322,13 @@ int main() {
     RUN_TEST(a_fence_drawn_anew_round_nothing_lets_only_inwards);
     RUN_TEST(jumps_and_leads_are_cut);
     RUN_TEST(it_stops_before_a_wall_whatever_is_wanted);
+    RUN_TEST(a_vehicle_that_flies_past_its_setpoint_is_drawn_back);
+    RUN_TEST(a_sluggish_vehicle_is_stopped_in_time);
+    RUN_TEST(noise_does_not_bring_a_wall_nearer);
+    RUN_TEST(a_corner_is_not_smoothed_away);
     RUN_TEST(it_backs_away_from_what_is_inside_its_margin);
     RUN_TEST(between_two_jambs_it_goes_to_the_middle);
+    RUN_TEST(a_setpoint_in_the_middle_of_a_throat_is_left_alone);
     RUN_TEST(the_blind_sector_is_guarded_by_the_map);
     RUN_TEST(floor_and_ceiling_are_kept_except_in_take_off_and_landing);
     return UNITY_END();
