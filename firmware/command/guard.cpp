@@ -21,6 +21,7 @@ constexpr float kMeanSigmas = 2.0F;     ///< but not what lies deeper or nearer 
 constexpr float kLeastSigmaM = 0.003F;
 constexpr float kMostSigmaM = 0.04F;
 constexpr float kMiddleM = 0.01F;       ///< a setpoint off the middle of a gap by less is not pushed
+constexpr float kPassedM = 0.035F;      ///< hull and less than this to both sides: no gap that the planner enters, it is pushed out again
 constexpr float kOppositeShare = 0.3F;  ///< cosine from which a hit point is on the other side
 constexpr float kPushM_S = 0.2F;        ///< at which pushes move a setpoint that would hardly move by itself
 constexpr float kPushedM = 0.001F;      ///< from which a push takes the velocity against it away
@@ -124,7 +125,8 @@ float Guard::berth_m(const float x_m, const float y_m) const {
         const float r_m = std::hypot(rx, ry);
         if (rx * nx + ry * ny < -kOppositeShare * r_m) { other_m = std::min(other_m, r_m); }
     }
-    return std::clamp(0.5F * (one_m + other_m) - kMiddleM, least_m, wanted_m);
+    const float half_m = 0.5F * (one_m + other_m);
+    return half_m < p_.hull_radius_m + kPassedM ? wanted_m : std::clamp(half_m - kMiddleM, least_m, wanted_m);
 }
 
 // The setpoint may not come nearer to a hit point than hull and margin: it is pushed out to that distance, away from the nearest

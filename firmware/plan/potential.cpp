@@ -19,6 +19,7 @@ constexpr std::int32_t kSmoothRounds = 12;
 constexpr float kSoftPush = 0.2F;      ///< share of what is lacking to the clearance wanted that a round pushes a point away
 constexpr float kHardPush = 0.5F;      ///< and of what is lacking to hull and kRoomM: more than the band pulls back round a corner
 constexpr float kRoomM = 0.18F;
+constexpr float kCutM = 0.025F;        ///< clearance lacking to hull and margin from which the line is cut off: more than the noise of hit points
 constexpr float kCentreM = 0.14F;      ///< hull and less than this: the line is centred exactly
 constexpr float kCentreSteps[] = {0.02F, 0.01F, 0.005F, 0.0025F};
 constexpr float kLongestM = 3.0F;      ///< of the path ahead: twice what stopping from full speed needs
@@ -234,9 +235,9 @@ void Potential::smooth(const OccupancyGrid& grid, Bounded<PathPoint, kMaxPathPoi
     centre(grid, path);
     for (PathPoint& p : path) { p.clearance_m = grid.clearance_m(p.x_m, p.y_m, 0.01F * static_cast<float>(Traversability::kCapCm)); }
     // What the band may have drawn too near to something is cut off: the reference stops before it.
-    const float least_m = std::min(p_.hull_radius_m + 0.5F * p_.plan_margin_m, path[0].clearance_m);
+    const float least_m = std::min(p_.hull_radius_m + p_.plan_margin_m - kCutM, path[0].clearance_m);
     std::size_t keep = 1;
-    while (keep < path.size() && path[keep].clearance_m >= least_m - 0.01F) { ++keep; }
+    while (keep < path.size() && path[keep].clearance_m >= least_m) { ++keep; }
     if (keep == path.size()) { return; }
     const Bounded<PathPoint, kMaxPathPoints> whole = path;
     path.clear();
