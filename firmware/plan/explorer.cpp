@@ -61,6 +61,17 @@ void Explorer::begin(const Pose2<Map, Body>& home) {
     goals_ = back_and_forth_ = 0;
 }
 
+void Explorer::sweep() {
+    if (policy_ == &tour_) {
+        tour_.resume();
+        goal_.answer.finished = false;
+        return;
+    }
+    survey_.begin();
+    policy_ = &tour_;
+    tour_.begin(home_);
+}
+
 void Explorer::begin_field(const OccupancyGrid& grid) {
     const CellId root = goal_.to_place ? root_near(grid, where_, goal_.x_m, goal_.y_m) : goal_.answer.cell;
     fields_[1 - flown_].start(grid, root, lead_on_cells(grid, where_, root), open_);
@@ -136,7 +147,8 @@ void Explorer::take(const OccupancyGrid& grid, const PolicyAnswer& answer) {
     fate_ = GoalFate::under_way;
 }
 
-void Explorer::explore(const OccupancyGrid& grid, const Pose2<Map, Body>& pose, const Pose2<Map, Body>& from, const std::int64_t t_us, Target& target) {
+void Explorer::explore(const OccupancyGrid& grid, const Pose2<Map, Body>& pose, const Pose2<Map, Body>& from, const std::int64_t t_us, Target& target,
+                       const Soundings* const soundings) {
     if (goal_.to_place) { goal_ = Goal{}; }
     if (policy_ == nullptr) { begin(home_); }
     const bool busy = field_due_;
@@ -147,7 +159,7 @@ void Explorer::explore(const OccupancyGrid& grid, const Pose2<Map, Body>& pose, 
         field_started_ = false;
         if (!detour_) { fate_ = GoalFate::stuck; }
     }
-    const MapView view{grid, where_, home_, from, t_us, fate_, survey_, fields_[1 - flown_]};
+    const MapView view{grid, where_, home_, from, t_us, fate_, survey_, fields_[1 - flown_], soundings};
     const PolicyAnswer& answer = policy_->step(view, pose, busy ? 0 : kBudget);
     if (answer.valid && (!goal_.valid || answer.number != goal_.answer.number)) { take(grid, answer); }
     if (!answer.valid) { goal_.valid = false; }

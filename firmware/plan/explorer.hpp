@@ -14,6 +14,7 @@
 #include "plan/paper_policy.hpp"
 #include "plan/policy.hpp"
 #include "plan/potential.hpp"
+#include "plan/soundings.hpp"
 #include "plan/survey.hpp"
 #include "plan/target.hpp"
 #include "plan/tour_policy.hpp"
@@ -31,8 +32,12 @@ public:
     /// A new exploration begins: forgets goals and tried places.
     void begin(const Pose2<Map, Body>& home);
 
-    /// One step of exploring: fills path and yaw of the target. `from` is the last setpoint, `pose` the estimate.
-    void explore(const OccupancyGrid& grid, const Pose2<Map, Body>& pose, const Pose2<Map, Body>& from, std::int64_t t_us, Target& target);
+    /// One step of exploring: fills path and yaw of the target. `from` is the last setpoint, `pose` the estimate. `soundings`: openings are looked for as well.
+    void explore(const OccupancyGrid& grid, const Pose2<Map, Body>& pose, const Pose2<Map, Body>& from, std::int64_t t_us, Target& target,
+                 const Soundings* soundings = nullptr);
+    /// Exploring goes on after it finished, because more is wanted. What explore() does from here on is the default policy's, whatever the parameter
+    /// says: no other one looks for openings.
+    void sweep();
 
     /// One step of flying to a given place.
     void go_to(const OccupancyGrid& grid, const Pose2<Map, Body>& pose, const Pose2<Map, Body>& from, float x_m, float y_m, std::int64_t t_us, Target& target);

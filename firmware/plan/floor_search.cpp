@@ -3,6 +3,7 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <utility>
 
 #include "plan/floors.hpp"
 
@@ -16,9 +17,9 @@ constexpr std::int32_t kLeastBeside = 4;      ///< a place beyond counts with so
 constexpr float kBesideM = 0.45F;
 constexpr float kJudgedM = 1.2F;              ///< round an opening that was judged
 constexpr float kBandM = 0.4F;                ///< of the ground below an opening
+constexpr float kAsideM = 0.4F;              ///< of a place beyond, that a place known to lie in a high room may be
+constexpr float kNarrower = 0.7F;             ///< what a pass of the search looks for, against the pass before
 constexpr float kLocalM = 2.5F;               ///< the slab's underside is that beside the opening
-constexpr float kLinkedShare = 0.5F;         ///< of the time for the search where one other floor is known
-constexpr float kRoundCornerM = 4.0F;         ///< way that a place out of the line of sight costs more
 
 struct Spot {
     float x_m = 0.0F;
@@ -43,12 +44,15 @@ bool FloorPlanner::was_judged(const OccupancyGrid& grid, const bool up, const fl
         if (j.floor != current_ || j.up != up) { continue; }
         if (std::hypot(j.x_m - x_m, j.y_m - y_m) < kJudgedM || std::hypot(j.seen_x_m - x_m, j.seen_y_m - y_m) < kJudgedM) { return true; }
     }
-    const Cell c = grid.geometry().cell(x_m, y_m);
     for (std::size_t i = 0; i < floors_.size(); ++i) {
         const Floor& f = floors_[i];
         if (!f.empty || f.parent != current_ || (f.elevation_m > floors_[static_cast<std::size_t>(current_)].elevation_m) != up) { continue; }
-        const std::int32_t slot = grid.tile_slot(static_cast<std::int32_t>(i), c.ix >> 6, c.iy >> 6);
-        if (slot >= 0 && grid.cell_class(slot * kTileArea + (c.iy & 63) * kTileCells + (c.ix & 63)) == CellClass::free) { return true; }
+        // A place at the room's side is seen a little aside: what is free beside it counts.
+        for (const auto& [dx, dy] : {std::pair{0.0F, 0.0F}, {kAsideM, 0.0F}, {-kAsideM, 0.0F}, {0.0F, kAsideM}, {0.0F, -kAsideM}}) {
+            const Cell c = grid.geometry().cell(x_m + dx, y_m + dy);
+            const std::int32_t slot = grid.tile_slot(static_cast<std::int32_t>(i), c.ix >> 6, c.iy >> 6);
+            if (slot >= 0 && grid.cell_class(slot * kTileArea + (c.iy & 63) * kTileCells + (c.ix & 63)) == CellClass::free) { return true; }
+        }
     }
     return false;
 }
@@ -63,7 +67,7 @@ FloorPlanner::Seed FloorPlanner::find_opening(const OccupancyGrid& grid, const P
 FloorPlanner::Seed FloorPlanner::find_opening(const OccupancyGrid& grid, const Pose2<Map, Body>& pose, const bool up) const {
     Seed seed;
     seed.up = up;
-    if (linked(up) || floors_.size() >= std::min(kFloorSlots, static_cast<std::size_t>(p_.floors_max))) { return seed; }   // no room for one more
+    if (linked(up) || full()) { return seed; }
     const float elevation_m = floors_[static_cast<std::size_t>(current_)].elevation_m;
     const VerticalSide side = up ? VerticalSide::over : VerticalSide::under;
     const auto of_this = [&](const VerticalCell& v) { return v.floor == current_ && v.side == side; };
@@ -116,42 +120,26 @@ FloorPlanner::Seed FloorPlanner::find_opening(const OccupancyGrid& grid, const P
     return seed;
 }
 
-// The nearest place that was not looked at, as long as there is time for the search.
-bool FloorPlanner::next_search(const OccupancyGrid& grid, const Explorer& explorer, const Pose2<Map, Body>& pose) {
+// True: there is room for no further floor.
+bool FloorPlanner::full() const { return floors_.size() >= std::min(kFloorSlots, static_cast<std::size_t>(p_.floors_max)); }
+
+// True: the floor is to be passed over and under more closely than its exploration did.
+bool FloorPlanner::wants_search() const {
     const Floor& floor = floors_[static_cast<std::size_t>(current_)];
     const bool up = linked(true);
     const bool down = linked(false);
-    const float share = up || down ? kLinkedShare : 1.0F;
-    const float time_s = share * (p_.floor_search_s + p_.floor_search_share * floor.explored_s);
-    if (vertical_.size() == 0U || floor.searched_s >= time_s || (up && down)) { return false; }
-    float best = std::numeric_limits<float>::infinity();
-    for (std::int32_t slot = 0; slot < grid.tile_count(); ++slot) {
-        const GridTile& tile = grid.tile(slot);
-        if (tile.floor != current_) { continue; }
-        for (std::int32_t block = 0; block < kTileBlocks; ++block) {
-            if ((covered_[static_cast<std::size_t>(slot)] >> static_cast<unsigned>(block) & 1U) != 0U) { continue; }
-            for (const std::int32_t at : {4 * kTileCells + 4, 2 * kTileCells + 2, 2 * kTileCells + 6, 6 * kTileCells + 2, 6 * kTileCells + 6}) {
-                const CellId id = slot * kTileArea + (block >> 3) * kBlockCells * kTileCells + (block & 7) * kBlockCells + at;
-                if (!explorer.where().passable(id)) { continue; }
-                const Cell c = grid.cell(id);
-                const float x_m = grid.geometry().centre_x_m(c);
-                const float y_m = grid.geometry().centre_y_m(c);
-                float way = std::hypot(x_m - pose.x_m, y_m - pose.y_m);
-                if (way < best && !grid.line_is_free(pose.x_m, pose.y_m, x_m, y_m)) { way += kRoundCornerM; }
-                if (way < best) {
-                    best = way;
-                    goal_x_m_ = x_m;
-                    goal_y_m_ = y_m;
-                    goal_block_ = slot * kTileBlocks + block;
-                }
-                break;
-            }
-        }
-    }
-    if (best >= std::numeric_limits<float>::max()) { return false; }
-    since_us_ = t_us_;
-    way_us_ = -1;
-    return true;
+    return vertical_.size() > 0U && !floor.searched && !full() && !(up && down) &&
+           floor.searched_s < (up || down ? p_.floor_search_linked_s : p_.floor_search_s);
+}
+
+float FloorPlanner::width_m(const std::int32_t pass) const {
+    return std::max(p_.floor_search_gap_m * std::pow(kNarrower, static_cast<float>(pass)), std::min(p_.floor_search_fine_m, p_.floor_search_gap_m));
+}
+
+const Soundings* FloorPlanner::while_exploring() {
+    if (p_.floors_max <= 1 || vertical_.size() == 0U || full() || (linked(true) && linked(false))) { return nullptr; }
+    soundings_.want(0.5F * width_m(0));
+    return &soundings_;
 }
 
 }  // namespace noctule

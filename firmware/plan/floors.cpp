@@ -12,7 +12,6 @@ constexpr float kTiltMostRad = 0.15F;         ///< a range taken at more tilt sa
 constexpr float kCeilingOverM = 1.5F;          ///< a ceiling beside an opening lies about this far over the vehicle
 constexpr float kStallS = 3.0F;               ///< without coming nearer to the height wanted: back
 constexpr float kStallM = 0.05F;
-constexpr float kCoverStepM = 0.25F;
 constexpr float kBelowSlabM = 0.12F;          ///< the laser is in the shaft from here under the slab
 constexpr float kAboveSlabM = 0.15F;          ///< to here over it
 constexpr float kSlabM = 0.25F;               ///< thickness of a slab of which one side is known
@@ -25,7 +24,6 @@ constexpr float kSlowM_S = 0.15F;
 constexpr float kStoodS = 0.4F;
 constexpr float kShiftTimeS = 30.0F;
 constexpr float kNoWayS = 5.0F;
-constexpr float kSearchTimeS = 25.0F;         ///< for one place
 constexpr float kSurveyTimeS = 90.0F;
 constexpr float kLookTimeS = 12.0F;           ///< for one look
 constexpr float kLookAgainS = 0.25F;
@@ -75,27 +73,6 @@ void FloorPlanner::see(const RangeSample& sample, const VerticalSide side, const
     const float place_m = sign * std::min(std::fabs(along_m), side == VerticalSide::over ? kCeilingOverM : p_.cruise_height_m);
     const Point2<Map> place = estimate.planar.pose_map_body * Point2<Body>{place_m * cr * sp, -place_m * sr};
     vertical_.add(static_cast<std::int8_t>(current_), side, place.x_m, place.y_m, estimate.altitude.z_m + along_m * cr * cp);
-}
-
-// Blocks of the grid within half the search gap of the vehicle count as looked at.
-void FloorPlanner::cover(const OccupancyGrid& grid, const float x_m, const float y_m) {
-    if (std::hypot(x_m - last_cover_x_m_, y_m - last_cover_y_m_) < kCoverStepM) { return; }
-    last_cover_x_m_ = x_m;
-    last_cover_y_m_ = y_m;
-    const float block_m = grid.geometry().to_metres(static_cast<float>(kBlockCells));
-    const float radius_m = 0.5F * p_.floor_search_gap_m;
-    const auto reach = static_cast<std::int32_t>(std::ceil(radius_m / block_m));
-    const auto bx = static_cast<std::int32_t>(std::floor(x_m / block_m));
-    const auto by = static_cast<std::int32_t>(std::floor(y_m / block_m));
-    for (std::int32_t j = by - reach; j <= by + reach; ++j) {
-        for (std::int32_t i = bx - reach; i <= bx + reach; ++i) {
-            const float dx = (static_cast<float>(i) + 0.5F) * block_m - x_m;
-            const float dy = (static_cast<float>(j) + 0.5F) * block_m - y_m;
-            if (dx * dx + dy * dy > radius_m * radius_m) { continue; }
-            const std::int32_t slot = grid.tile_slot(i >> 3, j >> 3);
-            if (slot >= 0) { covered_[static_cast<std::size_t>(slot)] |= std::uint64_t{1} << static_cast<unsigned>((j & 7) * 8 + (i & 7)); }
-        }
-    }
 }
 
 // In a shaft the height tells the layer: below the slab, in it, above it.
@@ -149,7 +126,7 @@ void FloorPlanner::observe(const Estimate& estimate, const SensorFrame& frame, c
     if (estimate.planar.quality < 0 || doing_ == Doing::shifting || !flying) { return; }
     for (const RangeSample& sample : frame.range_up) { see(sample, VerticalSide::over, estimate); }
     for (const RangeSample& sample : frame.range_down) { see(sample, VerticalSide::under, estimate); }
-    cover(grid, estimate.planar.pose_map_body.x_m, estimate.planar.pose_map_body.y_m);
+    soundings_.pass(grid, estimate.planar.pose_map_body.x_m, estimate.planar.pose_map_body.y_m);
     confirm(estimate.altitude);
 }
 
@@ -176,7 +153,7 @@ void FloorPlanner::refuse(const Refusal why) {
     doing_ = Doing::idle;
 }
 
-void FloorPlanner::decide(const OccupancyGrid& grid, const Explorer& explorer, const Pose2<Map, Body>& pose) {
+void FloorPlanner::decide(const OccupancyGrid& grid, Explorer& explorer, const Pose2<Map, Body>& pose) {
     Floor& floor = floors_[static_cast<std::size_t>(current_)];
     if (!floor.confirmed) {   // all was looked at, and there is nothing to stand over: the opening leads to no floor
         floor.empty = true;
@@ -192,7 +169,8 @@ void FloorPlanner::decide(const OccupancyGrid& grid, const Explorer& explorer, c
         start(Doing::surveying);
         goal_x_m_ = seed_.x_m;
         goal_y_m_ = seed_.y_m;
-    } else if (next_search(grid, explorer, pose)) {
+    } else if (wants_search()) {
+        explorer.sweep();
         start(Doing::searching);
     } else if (current_ != 0) {
         leave_by(floor.entry);
@@ -232,7 +210,7 @@ FloorPlanner::Result FloorPlanner::work(const Estimate& estimate, const Occupanc
             if (shift(estimate, target)) {
                 const bool wants_exploring = new_floor_ && !turned_back_;
                 doing_ = Doing::idle;
-                last_cover_x_m_ = 1e9F;
+                soundings_.restart();
                 if (wants_exploring) { return Result::arrived; }
             }
             break;
@@ -252,26 +230,32 @@ void FloorPlanner::fly(const OccupancyGrid& grid, Explorer& explorer, const Esti
     }
 }
 
+// The floor is explored; what is left is to pass under and over more of it.
 void FloorPlanner::search(const OccupancyGrid& grid, Explorer& explorer, const Estimate& estimate, const Pose2<Map, Body>& from, const float dt_s,
                           Target& target) {
     const Pose2<Map, Body>& pose = estimate.planar.pose_map_body;
-    floors_[static_cast<std::size_t>(current_)].searched_s += dt_s;
-    fly(grid, explorer, estimate, from, goal_x_m_, goal_y_m_, target);
+    Floor& floor = floors_[static_cast<std::size_t>(current_)];
+    floor.searched_s += dt_s;
+    soundings_.want(0.5F * width_m(floor.pass));
+    explorer.explore(grid, pose, from, t_us_, target, &soundings_);
     if (looked_us_ < 0 || lasted(looked_us_, kFindAgainS)) {
         looked_us_ = t_us_;
         const Seed found = find_opening(grid, pose);
         if (found.valid) {
             seed_ = found;
+            goal_x_m_ = seed_.x_m;
+            goal_y_m_ = seed_.y_m;
             judge_.clear();
             start(Doing::surveying);
             return;
         }
     }
-    std::uint64_t& covered = covered_[static_cast<std::size_t>(goal_block_ >> 6)];
-    const std::uint64_t bit = std::uint64_t{1} << static_cast<unsigned>(goal_block_ & 63);
-    const bool there = std::hypot(goal_x_m_ - pose.x_m, goal_y_m_ - pose.y_m) < 2.0F * kArrivedM;
-    if (there || lasted(way_us_, kNoWayS) || lasted(since_us_, kSearchTimeS)) { covered |= bit; }
-    if ((covered & bit) != 0U && !next_search(grid, explorer, pose)) { doing_ = Doing::idle; }
+    if (explorer.finished()) {
+        floor.searched = width_m(floor.pass) <= p_.floor_search_fine_m;
+        ++floor.pass;
+        explorer.sweep();
+    }
+    if (!wants_search()) { doing_ = Doing::idle; }
 }
 
 void FloorPlanner::survey(const OccupancyGrid& grid, Explorer& explorer, const Estimate& estimate, const Pose2<Map, Body>& from, Target& target) {

@@ -18,6 +18,7 @@
 #include "plan/explorer.hpp"
 #include "plan/floor_modes.hpp"
 #include "plan/opening.hpp"
+#include "plan/soundings.hpp"
 #include "plan/target.hpp"
 #include "sense/samples.hpp"
 
@@ -41,8 +42,9 @@ struct Floor {
     std::int8_t parent = -1;     ///< layer at the other end of it
     float seen_x_m = 0.0F;       ///< place beyond by which that opening was found
     float seen_y_m = 0.0F;
-    float explored_s = 0.0F;     ///< time that its exploration took
-    float searched_s = 0.0F;     ///< time spent in search of openings
+    float searched_s = 0.0F;     ///< time spent in search of openings after its exploration
+    std::int32_t pass = 0;       ///< of that search: each looks for narrower openings
+    bool searched = false;       ///< it is over
 };
 
 class FloorPlanner {
@@ -67,12 +69,12 @@ public:
     /// Every step, whatever the state: the ranges of the step, and the layer that the height tells.
     void observe(const Estimate& estimate, const SensorFrame& frame, const LevelScan& scan, const OccupancyGrid& grid);
 
-    /// A step of exploring lasted so long.
-    void note_exploring(const float dt_s) { floors_[static_cast<std::size_t>(current_)].explored_s += dt_s; }
+    /// What is to be passed over and under while the floor is explored; nullptr: nothing, no opening is looked for here.
+    [[nodiscard]] const Soundings* while_exploring();
 
     /// True: with this floor explored there is something for step() to do.
-    [[nodiscard]] bool more(const OccupancyGrid& grid, const Explorer& explorer, const Pose2<Map, Body>& pose) {
-        return p_.floors_max > 1 && (current_ != 0 || find_opening(grid, pose).valid || next_search(grid, explorer, pose));
+    [[nodiscard]] bool more(const OccupancyGrid& grid, const Pose2<Map, Body>& pose) const {
+        return p_.floors_max > 1 && (current_ != 0 || wants_search() || find_opening(grid, pose).valid);
     }
 
     /// One step of looking for another floor, and of going there. arrived: on a floor that wants exploring; nothing: no floor is left, and
@@ -99,6 +101,7 @@ public:
     [[nodiscard]] const Bounded<Passage, kFloorSlots>& passages() const { return passages_; }
     [[nodiscard]] const Bounded<Judged, kMaxOpenings>& judged() const { return judged_; }
     [[nodiscard]] const VerticalMap& vertical() const { return vertical_; }
+    [[nodiscard]] const Soundings& soundings() const { return soundings_; }
 
 private:
     struct Seed {
@@ -113,7 +116,6 @@ private:
         float far_m = 0.0F;    ///< elevation seen beyond
     };
     void see(const RangeSample& sample, VerticalSide side, const Estimate& estimate);
-    void cover(const OccupancyGrid& grid, float x_m, float y_m);
     void search(const OccupancyGrid& grid, Explorer& explorer, const Estimate& estimate, const Pose2<Map, Body>& from, float dt_s, Target& target);
     void centre(const OccupancyGrid& grid, Explorer& explorer, const Estimate& estimate, const Pose2<Map, Body>& from, Target& target);
     [[nodiscard]] bool lasted(const std::int64_t since_us, const float seconds) const {
@@ -126,9 +128,12 @@ private:
     [[nodiscard]] Seed find_opening(const OccupancyGrid& grid, const Pose2<Map, Body>& pose, bool up) const;
     [[nodiscard]] bool was_judged(const OccupancyGrid& grid, bool up, float x_m, float y_m) const;
     [[nodiscard]] bool linked(bool up) const;
-    [[nodiscard]] bool next_search(const OccupancyGrid& grid, const Explorer& explorer, const Pose2<Map, Body>& pose);
+    [[nodiscard]] bool full() const;
+    [[nodiscard]] bool wants_search() const;
+    /// Width of the openings that a pass of the search looks for; pass 0 is the exploration.
+    [[nodiscard]] float width_m(std::int32_t pass) const;
     void refuse(Refusal why);
-    void decide(const OccupancyGrid& grid, const Explorer& explorer, const Pose2<Map, Body>& pose);
+    void decide(const OccupancyGrid& grid, Explorer& explorer, const Pose2<Map, Body>& pose);
     void leave_by(std::int8_t passage);
     [[nodiscard]] bool begin_shift(const Estimate& estimate);
     void turn_back();
@@ -143,14 +148,13 @@ private:
     Bounded<Floor, kFloorSlots> floors_;
     Bounded<Passage, kFloorSlots> passages_;
     Bounded<Judged, kMaxOpenings> judged_;
-    std::array<std::uint64_t, kMaxTiles> covered_{};   ///< blocks of the grid's tiles whose ceiling and ground were looked at
+    Soundings soundings_;
     std::int32_t current_ = 0;
     std::int32_t layer_ = 0;
     Doing doing_ = Doing::idle;
     Seed seed_;
-    float goal_x_m_ = 0.0F;       ///< searching, surveying: where to look
+    float goal_x_m_ = 0.0F;       ///< surveying, centring: where to look, or to stand
     float goal_y_m_ = 0.0F;
-    std::int32_t goal_block_ = -1;   ///< slot * 64 + block
     std::int8_t passage_ = -1;    ///< the one that is being taken; -1: a new one
     std::int8_t to_ = -1;         ///< layer at the far end
     float shift_z_m_ = 0.0F;      ///< height to reach
@@ -163,8 +167,6 @@ private:
     std::int64_t looked_us_ = -1;
     std::int64_t way_us_ = -1;
     std::int64_t t_us_ = 0;
-    float last_cover_x_m_ = 1e9F;
-    float last_cover_y_m_ = 1e9F;
     float nearest_side_m_ = 1e9F; ///< of the scan, in a shaft
     std::int32_t ground_votes_ = 0;
     float ground_sum_m_ = 0.0F;

@@ -37,6 +37,7 @@ struct Frontier {
         sight_cost = cost;
     }
     bool camera = false;      ///< a patch of floor that the camera has not seen (plan/unseen), not an edge of the unknown
+    bool sounding = false;    ///< a place to pass in search of openings (plan/soundings), not an edge of the unknown
     std::int32_t behind = 0;  ///< unknown cells that hang together behind it, within kBehindCells of its middle
 };
 
@@ -47,6 +48,7 @@ struct ViewRule {
     float sight_m = 0.0F;         ///< distance from which a group counts as seen for the order; 0: that of the viewpoint
     float near_m = 0.0F;          ///< over 0: a viewpoint farther than this only where there is none nearer
     bool camera = false;          ///< patches of floor that the camera has not seen are looked for, too
+    bool soundings = false;       ///< places to pass in search of openings are looked for, too
     std::int32_t behind_min = 0;  ///< groups with fewer unknown cells behind them are left out
 };
 

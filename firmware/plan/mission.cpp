@@ -20,8 +20,8 @@ constexpr std::uint32_t kOut = bit(MissionState::looking_around) | bit(MissionSt
 constexpr std::int64_t kVehicleStaleUs = 2000000;
 constexpr std::int64_t kSettledUs = 500000;     ///< a height or place must hold this long to count as reached
 constexpr std::int64_t kNoWayUs = 10000000;     ///< no known way home for this long: land where it is
+constexpr std::uint32_t kLearnedBlocks = 20;    ///< the same, of ceiling and ground (plan/soundings)
 constexpr float kLearnedM2 = 0.2F;              ///< growth of the known area that counts as progress
-constexpr std::int64_t kLongStepUs = 200000;    ///< a longer silence does not count as time explored
 constexpr float kHeightToleranceM = 0.12F;
 constexpr float kOpeningBelowM = 0.5F;         ///< ground this far under the floor lies beyond an opening
 constexpr float kSlowM_S = 0.15F;
@@ -112,8 +112,10 @@ void Mission::account(const Estimate& estimate, const OccupancyGrid& grid, const
         energy_.step(vehicle.battery_remaining, std::hypot(estimate.planar.vx_m_s, estimate.planar.vy_m_s), t_us_);
     }
     if (localised_) { trail_.step(grid, pose.x_m, pose.y_m); }
-    if (state_ != S::exploring || grid.known_area_m2() > learned_m2_ + kLearnedM2) {
+    const std::uint32_t passed = floors_.soundings().blocks();   // ceiling and ground that were looked at count as well
+    if (state_ != S::exploring || grid.known_area_m2() > learned_m2_ + kLearnedM2 || passed > learned_blocks_ + kLearnedBlocks) {
         learned_m2_ = grid.known_area_m2();
+        learned_blocks_ = passed;
         learned_us_ = t_us_;
     }
 }
@@ -159,7 +161,6 @@ float Mission::height_wanted_m(const Estimate& estimate) const {
 
 const Target& Mission::advance(const Estimate& estimate, const OccupancyGrid& grid, const VehicleSample& vehicle,
                                const Pose2<Map, Body>& last_setpoint, const std::int64_t t_us) {
-    before_us_ = t_us_;
     t_us_ = t_us;
     const Pose2<Map, Body>& pose = estimate.planar.pose_map_body;
     if (localised_ || estimate.planar.quality >= 0) { explorer_.observe(grid, pose, t_us); }
@@ -182,7 +183,7 @@ const Target& Mission::advance(const Estimate& estimate, const OccupancyGrid& gr
     now.order = pending_;
     now.finished = explorer_.finished();
     now.no_progress = gets_nowhere();
-    now.more_floors = state_ == S::exploring && now.finished && floors_.more(grid, explorer_, pose);
+    now.more_floors = state_ == S::exploring && now.finished && floors_.more(grid, pose);
     now.floor_reached = floor_result_ == FloorPlanner::Result::arrived;
     now.no_floor_left = floor_result_ == FloorPlanner::Result::nothing;
     now.looked = turned_rad_ >= p_.look_around_rad;
@@ -302,8 +303,7 @@ void Mission::aim(const Estimate& estimate, const OccupancyGrid& grid, const Pos
             }
             target_.mode = Target::Mode::follow;
             if (state_ == S::exploring) {
-                floors_.note_exploring(1e-6F * static_cast<float>(std::clamp<std::int64_t>(t_us_ - before_us_, 0, kLongStepUs)));
-                explorer_.explore(grid, pose, last_setpoint, t_us_, target_);
+                explorer_.explore(grid, pose, last_setpoint, t_us_, target_, floors_.while_exploring());
             } else if (state_ == S::changing_floor) {
                 floor_result_ = floors_.step(estimate, grid, explorer_, last_setpoint, t_us_, target_);
                 if (floor_result_ == FloorPlanner::Result::nothing) {   // the last step before the way home: stays where it is

@@ -110,6 +110,7 @@ private:
     FloorPlanner::Result floor_result_ = FloorPlanner::Result::busy;
     Energy energy_;
     Trail trail_;
+    std::uint32_t learned_blocks_ = 0;
     float learned_m2_ = 0.0F;          ///< known area when something new was learned last
     std::int64_t learned_us_ = 0;
     Target target_;
@@ -122,7 +123,6 @@ private:
     bool ready_ = false;
     bool localised_ = false;
     std::int64_t t_us_ = 0;
-    std::int64_t before_us_ = 0;       ///< of the step before
     std::int64_t entered_us_ = 0;
     std::int64_t good_since_us_ = -1;
     std::int64_t lost_since_us_ = -1;

@@ -8,7 +8,6 @@ namespace noctule {
 namespace {
 
 constexpr double kTolerance = 1e-4;            ///< relative change at which the relaxation ends
-constexpr float kEnough = 0.05F;               ///< share of unknown cells under which it ends
 constexpr std::int64_t kNowhereUs = 20000000;  ///< without a lower cell beside the vehicle, or without getting on
 constexpr std::int64_t kCountUs = 1000000;
 constexpr std::int32_t kStepsAhead = 12;       ///< cells of the way that are handed on
@@ -133,7 +132,7 @@ const PolicyAnswer& PaperPolicy::step(const MapView& map, const Pose2<Map, Body>
         count(map);
         ++counters_.passes;
         if (unknown_share_ < before - 1e-4F) { lowered_us_ = map.t_us; }
-        if (unknown_share_ < kEnough) { answer_.finished = true; }
+        if (unknown_share_ < p_.paper_unknown_share) { answer_.finished = true; }
     }
     if (map.t_us - lowered_us_ > 3 * kNowhereUs || (path_.size() < 2U && map.t_us - lowered_us_ > kNowhereUs)) {
         led_nowhere_ = answer_.finished = true;

@@ -3,7 +3,7 @@
 /// ../docs/maths/explore.md, "The paper's way" (paper, exploration section; Prestes et al. 2002). Obstacles and the vehicle's own
 /// cell 1, a cell that was never in the window 0, the cells between the mean of their four neighbours (Gauss-Seidel until
 /// the relative change is under 1e-4); the cells on the window's border stay as they are. It needs the size of the area in advance. Ends when
-/// under 5 % of the known free cells were never in the window, or when no cell beside the vehicle is lower for kNowhereUs.
+/// under paper_unknown_share of the known free cells were never in the window, or when no cell beside the vehicle is lower for kNowhereUs.
 /// Where the hull does not fit counts as obstacle. Frame Map. No heap.
 #pragma once
 

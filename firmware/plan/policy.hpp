@@ -17,6 +17,7 @@
 
 namespace noctule {
 
+class Soundings;
 class Survey;
 
 /// Values of the parameter `policy`.
@@ -43,6 +44,7 @@ struct MapView {
     GoalFate fate = GoalFate::under_way;
     Survey& survey;             ///< costs from the vehicle and the edge of the unknown, in passes
     CostField& scratch;         ///< free for use until the policy answers with a new number
+    const Soundings* soundings = nullptr;   ///< where ceiling and ground were looked at, if openings are looked for
 };
 
 struct PolicyAnswer {

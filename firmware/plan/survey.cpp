@@ -59,10 +59,18 @@ bool Survey::run(const MapView& map, const ViewRule& rule, const std::int32_t bu
             unseen_.start();
             return false;
         }
+        phase_ = Phase::passes;
+        passes_.start();
     }
     if (phase_ == Phase::unseen) {
         if (!unseen_.run(map.grid, map.where, costs_, tried_, map.t_us)) { return false; }
         for (const Frontier& f : unseen_.found()) { search_.add(f); }
+        phase_ = Phase::passes;
+        passes_.start();
+    }
+    if (phase_ == Phase::passes && rule.soundings && map.soundings != nullptr && map.soundings->wanted_m() > 0.0F) {
+        if (!passes_.run(map.grid, map.where, costs_, tried_, *map.soundings, map.t_us)) { return false; }
+        for (const Frontier& f : passes_.found()) { search_.add(f); }
     }
     phase_ = Phase::idle;
     return true;

@@ -10,6 +10,7 @@
 #include "plan/cost_field.hpp"
 #include "plan/frontier.hpp"
 #include "plan/policy.hpp"
+#include "plan/soundings.hpp"
 #include "plan/unseen.hpp"
 
 namespace noctule {
@@ -23,7 +24,7 @@ namespace noctule {
 
 class Survey {
 public:
-    explicit Survey(const Parameters& parameters) : search_(parameters), unseen_(parameters), tried_(parameters) {}
+    explicit Survey(const Parameters& parameters) : search_(parameters), unseen_(parameters), passes_(parameters), tried_(parameters) {}
 
     void begin() {
         restart();
@@ -34,7 +35,7 @@ public:
     void restart() { phase_ = Phase::idle; }
     /// The edge is looked for anew with the costs at hand.
     void look_again() {
-        if (phase_ == Phase::edge || phase_ == Phase::unseen) {
+        if (phase_ != Phase::idle && phase_ != Phase::costs) {
             phase_ = Phase::edge;
             search_.start();
         }
@@ -50,11 +51,12 @@ public:
     [[nodiscard]] const OpenCells& open() const { return open_; }
 
 private:
-    enum class Phase : std::uint8_t { idle, costs, edge, unseen };
+    enum class Phase : std::uint8_t { idle, costs, edge, unseen, passes };
     OpenCells open_;
     CostField costs_;
     FrontierSearch search_;
     UnseenSearch unseen_;
+    SoundingSearch passes_;
     TriedPlaces tried_;
     Phase phase_ = Phase::idle;
 };

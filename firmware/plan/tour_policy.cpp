@@ -20,6 +20,7 @@ constexpr float kInSightRad = 2.0F;           ///< off the heading, what the las
 constexpr float kCameraShare = 0.4F;          ///< of its field of view, to either side, what the camera is sure to see
 constexpr float kNewsM2 = 1.0F;               ///< area that must have become known before a goal that was left is taken again
 constexpr float kDepth = 2.0F;                ///< area of a pocket over the square of its mouth
+constexpr float kPassedM = 0.45F;             ///< from the middle of a patch to be passed
 constexpr float kBetterViewM = 0.3F;
 
 float metres(const MapView& map, const std::uint32_t cost) {
@@ -60,11 +61,13 @@ ViewRule TourPolicy::rule() const {
     rule.sight_m = p_.view_sight_m;
     rule.behind_min = p_.reveal_min_cells;
     rule.camera = p_.camera_weight > 0.0F;
+    rule.soundings = true;
     return rule;
 }
 
-// True: what the goal was to show has been seen, by the laser or by the camera.
+// True: what the goal was to show has been seen, by the laser, by the camera or by the ranges.
 bool TourPolicy::settled(const MapView& map) const {
+    if (goal_.sounding) { return map.soundings == nullptr || map.soundings->distance_m(goal_.look) < kPassedM || map.soundings->passed_round(map.grid, goal_.look); }
     return goal_.camera ? map.grid.camera_saw(goal_.look) : !FrontierSearch::is_frontier(map.grid, goal_.look);
 }
 
@@ -80,6 +83,11 @@ void TourPolicy::set_goal(const Frontier& front) {
     answer_.look_y_m = front.y_m;
     dwell_since_us_ = -1;
     if (phase_ == Phase::ways) { phase_ = Phase::survey; }  // the scratch field goes to the new goal
+}
+
+void TourPolicy::resume() {
+    answer_.finished = false;
+    empty_passes_ = 0;
 }
 
 void TourPolicy::drop(const MapView& map, const bool give_up) {
@@ -167,7 +175,7 @@ MapView TourPolicy::soon(const MapView& map) const {
             break;
         }
     }
-    return {map.grid, map.where, map.home, at, map.t_us, map.fate, map.survey, map.scratch};
+    return {map.grid, map.where, map.home, at, map.t_us, map.fate, map.survey, map.scratch, map.soundings};
 }
 
 // Nearest first; a group whose viewpoint another stop nearly has belongs to that stop.
@@ -177,7 +185,7 @@ void TourPolicy::gather_stops(const MapView& map) {
     std::sort(found.begin(), found.end(), [](const Frontier& a, const Frontier& b) { return a.sight_cost != b.sight_cost ? a.sight_cost < b.sight_cost : a.look < b.look; });
     for (const Frontier& f : found) {
         const auto same = std::find_if(stops_.begin(), stops_.end(), [&](const Frontier& s) {
-            const bool near = std::hypot(s.view_x_m - f.view_x_m, s.view_y_m - f.view_y_m) < kOneStopM;
+            const bool near = !f.sounding && !s.sounding && std::hypot(s.view_x_m - f.view_x_m, s.view_y_m - f.view_y_m) < kOneStopM;
             return s.view == f.view || (near && map.grid.line_is_free(s.view_x_m, s.view_y_m, f.view_x_m, f.view_y_m));
         });
         if (same != stops_.end()) {

@@ -18,6 +18,8 @@ public:
     explicit TourPolicy(const Parameters& parameters) : p_(parameters) {}
     void begin(const Pose2<Map, Body>& home) override;
     const PolicyAnswer& step(const MapView& map, const Pose2<Map, Body>& pose, std::int32_t budget_cells) override;
+    /// More is wanted than when it finished.
+    void resume();
     [[nodiscard]] std::size_t stops() const { return stops_.size(); }
 
 private:

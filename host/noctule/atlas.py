@@ -116,13 +116,21 @@ def _section(atlas: Atlas, kind: int, floor: int, count: int, body: bytes) -> No
     # Others come from a later minor change: passed over.
 
 
-def of_record(tiles, elevations_m: list[float]) -> Atlas:
-    """An atlas of what a flight log holds: its tiles (record.Tile, the last of a place counts) and the elevation of each floor."""
+def of_record(tiles, elevations_m: list[float], nav=None) -> Atlas:
+    """An atlas of what a flight log holds: its tiles (record.Tile, the last of a place counts), the elevation of each floor, and from `nav` (arrays
+    of a record.Flight) the places where the vehicle came to a floor for the first time."""
     building = Atlas(0, 0, {n: AtlasFloor(z) for n, z in enumerate(elevations_m)}, np.zeros((0, 8)), [], [], [])
     for tile in tiles:
         if tile.floor in building.floors:
             building.floors[tile.floor].cell_m = tile.cell_m
             building.floors[tile.floor].tiles[tile.tile_x, tile.tile_y] = np.asarray(tile.log_odds, np.int8).reshape(TILE_CELLS, TILE_CELLS)
+    if nav is not None:
+        floors, known = nav["floor"], {int(nav["floor"][0])} if len(nav["floor"]) else set()
+        for i in np.nonzero(np.diff(floors))[0]:
+            low, high = sorted((int(floors[i]), int(floors[i + 1])), key=lambda n: elevations_m[n] if 0 <= n < len(elevations_m) else 0.0)
+            if int(floors[i + 1]) not in known and low in building.floors and high in building.floors:
+                building.passages.append((low, high, float(nav["x_m"][i + 1]), float(nav["y_m"][i + 1])))
+            known.add(int(floors[i + 1]))
     return building
 
 
@@ -154,15 +162,30 @@ def summary(atlas: Atlas) -> str:
     return "\n".join(lines)
 
 
-def picture(atlas: Atlas) -> bytes:
-    """PNG: the floor plans side by side, and the building stacked in three dimensions."""
+def _known(floor: AtlasFloor) -> tuple[np.ndarray, tuple[float, float, float, float]]:
+    # The part of the floor's image that holds something, and a cell of margin round it.
+    image, (x0, _, y0, _) = floor.image()
+    rows, columns = np.nonzero(image)
+    if len(rows) == 0:
+        return image, (x0, x0 + floor.cell_m, y0, y0 + floor.cell_m)
+    r0, r1, c0, c1 = max(rows.min() - 5, 0), rows.max() + 6, max(columns.min() - 5, 0), columns.max() + 6
+    cut = image[r0:r1, c0:c1]
+    return cut, (x0 + c0 * floor.cell_m, x0 + (c0 + cut.shape[1]) * floor.cell_m, y0 + r0 * floor.cell_m, y0 + (r0 + cut.shape[0]) * floor.cell_m)
+
+
+def picture(atlas: Atlas, track=None) -> bytes:
+    """PNG: the floor plans side by side, and the building stacked in three dimensions.
+
+    Args:
+        track: (N, 4) x, y, z [m], frame Map, and floor of the way flown, or None.
+    """
     from matplotlib.figure import Figure
 
     floors = sorted(atlas.floors.items())
     figure = Figure(figsize=(4.2 * (len(floors) + 1), 4.6), layout="constrained")
     for n, (name, floor) in enumerate(floors):
         axes = figure.add_subplot(1, len(floors) + 1, n + 1)
-        image, extent = floor.image()
+        image, extent = _known(floor)
         shade = np.where(image > 0, 0.0, np.where(image < 0, 1.0, 0.75))
         axes.imshow(shade, extent=extent, origin="lower", cmap="gray", vmin=0.0, vmax=1.0, interpolation="nearest")
         for wall in floor.walls:
@@ -176,17 +199,23 @@ def picture(atlas: Atlas) -> bytes:
         for _, on, x, y, _ in atlas.objects:
             if on == name:
                 axes.plot(x, y, "*", color="tab:green")
-        axes.set_title(f"floor {name}, {floor.elevation_m:.2f} m", fontsize=9)
+        if track is not None:
+            here = np.where((track[:, 3] == name)[:, None], track[:, :2], np.nan)
+            axes.plot(here[:, 0], here[:, 1], color="tab:blue", linewidth=0.5)
+        axes.set_title(f"floor {name}, {floor.elevation_m + 0.0:.2f} m, {floor.area_m2():.0f} m2".replace("-0.00", "0.00"), fontsize=9)
         axes.set_aspect("equal")
     axes = figure.add_subplot(1, len(floors) + 1, len(floors) + 1, projection="3d")
     for name, floor in floors:
-        image, extent = floor.image()
+        image, extent = _known(floor)
         rows, columns = np.nonzero(image > 0)
         axes.scatter(extent[0] + (columns + 0.5) * floor.cell_m, extent[2] + (rows + 0.5) * floor.cell_m, floor.elevation_m, s=0.5)
     heights = {name: floor.elevation_m for name, floor in floors}
     for low, high, x, y in atlas.passages:
         if low in heights and high in heights:
             axes.plot([x, x], [y, y], [heights[low], heights[high]], color="tab:red")
+    if track is not None:
+        axes.plot(track[:, 0], track[:, 1], track[:, 2], color="0.4", linewidth=0.5)
+    axes.set_box_aspect((1.0, 1.0, 0.8))
     axes.set_zlabel("z [m]")
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", dpi=100)

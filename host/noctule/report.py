@@ -26,6 +26,7 @@ REASONS = {5: "return was ordered", 6: "landing was ordered", 7: "abort was orde
 NOTHING_LEFT = 4
 STEP_S = 0.05
 GROUND_HEIGHT_M = 0.10       # nearer than this to the resting height counts as on the ground
+OVER_FLOOR_M = 2.0           # ground farther below than this lies beyond an opening
 
 
 def schema() -> dict:
@@ -165,8 +166,8 @@ def explored(run: Run) -> tuple[list[dict], list[tuple[float, float]]]:
     primitives = run.world.primitives()
     for index in sorted({t.floor for t in tiles} | {0}):
         on_floor = nav["floor"] == index
-        ground = nav["ground_z_m"][on_floor]
-        ground = ground[np.isfinite(ground)]
+        height = nav["z_m"][on_floor] - nav["ground_z_m"][on_floor]
+        ground = nav["ground_z_m"][on_floor][np.isfinite(height) & (height < OVER_FLOOR_M)]   # not what is seen through the opening
         estimate = 0.0 if index == 0 else (float(np.median(ground)) if ground.size else None)
         seed = (run.start.x_m, run.start.y_m)
         if index != 0 and on_floor.any() and len(run.truth["t_s"]):
@@ -366,7 +367,9 @@ def write(folder) -> dict:
     levels = [row["elevation_m"] for row in report["levels"]]
     page = html_page(report, picture, draw.series_svg(errors, run.flight.nav, run.truth, run.start, levels, thin))
     if len(report["floors"]) > 1:
-        building = atlas.picture(atlas.of_record(run.flight.tiles, [f["elevation_m"] or 0.0 for f in report["floors"]]))
+        nav = run.flight.nav
+        building = atlas.picture(atlas.of_record(run.flight.tiles, [f["elevation_m"] or 0.0 for f in report["floors"]], nav),
+                                 np.stack([nav["x_m"], nav["y_m"], nav["z_m"], nav["floor"].astype(float)], axis=1)[::4])
         (run.folder / "building.png").write_bytes(building)
         shown = base64.b64encode(building).decode()
         page = page.replace("</body>", f'<h2>The building</h2>\n<img alt="floor plans and the building" src="data:image/png;base64,{shown}">\n</body>', 1)

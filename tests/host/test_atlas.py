@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from noctule import atlas, bench_floors, cli
+from noctule.floor_worlds import building
 from noctule_sim.world import build_world, check_start
 
 
@@ -82,3 +83,32 @@ def test_the_bench_s_openings_lie_inside(n):
     check_start(world, 0.3)
     (x0, y0, x1, y1), = world.floors[1].openings
     assert x1 - x0 == pytest.approx(bench_floors.OPENINGS_M[n]) and 0.5 < x0 and x1 < 8.5 and 0.5 < y0 and y1 < 5.5
+
+
+def distance_m(solid, x, y):
+    c, s = np.cos(solid.yaw_rad), np.sin(solid.yaw_rad)
+    dx, dy = x - solid.centre_m[0], y - solid.centre_m[1]
+    return np.hypot(max(abs(c * dx + s * dy) - solid.half_extent_m[0], 0.0), max(abs(c * dy - s * dx) - solid.half_extent_m[1], 0.0))
+
+
+@pytest.mark.parametrize("number", bench_floors.BUILDINGS)
+def test_drawn_buildings_can_be_flown(number):
+    world = build_world(building(number))
+    check_start(world, 0.3)
+    assert len(world.floors) in (2, 3)
+    for floor, over in zip(world.floors, world.floors[1:]):
+        ((x0, y0, x1, y1),) = over.openings
+        assert over.elevation_m == pytest.approx(floor.elevation_m + floor.height_m + over.slab_m, abs=0.01)
+        assert min(x1 - x0, y1 - y0) >= 1.6
+        # The hull gets through somewhere: a place 0.6 m from the opening's edges, 0.4 m from all that stands from one floor to the other.
+        places = [(x, y) for x in np.arange(x0 + 0.6, x1 - 0.59, 0.1) for y in np.arange(y0 + 0.6, y1 - 0.59, 0.1)]
+        solid = [s for s in world.solids if s.tag != "slab" and s.centre_m[2] + s.half_extent_m[2] > floor.elevation_m + 0.8
+                 and s.centre_m[2] - s.half_extent_m[2] < over.elevation_m + 1.2]
+        assert any(all(distance_m(s, x, y) > 0.4 for s in solid) for x, y in places)
+
+
+def test_the_way_flown_tells_the_passages():
+    nav = {"floor": np.array([0, 0, 1, 1, 2, 1, 0]), "x_m": np.arange(7.0), "y_m": -np.arange(7.0)}
+    building_of = atlas.of_record([], [0.0, 2.5, -2.5], nav)
+    assert building_of.passages == [(0, 1, 2.0, -2.0), (2, 1, 4.0, -4.0)]   # low first; coming back shows no new one
+    assert atlas.picture(building_of, np.zeros((4, 4))).startswith(b"\x89PNG")

@@ -6,7 +6,7 @@
 #include <cmath>
 #include <cstdint>
 #include <ctime>
-
+#include <functional>
 #include <limits>
 #include <memory>
 #include <random>
@@ -94,6 +94,18 @@ private:
     std::vector<Segment> segments_;
 };
 
+/// A hall of 12 x 9 m with a wall across a part of it, turned off the grid's lines.
+inline FlatWorld hall() {
+    FlatWorld w;
+    w.add_wall(-2.0, -3.0, 10.0, -3.0);
+    w.add_wall(10.0, -3.0, 10.0, 6.0);
+    w.add_wall(10.0, 6.0, -2.0, 6.0);
+    w.add_wall(-2.0, 6.0, -2.0, -3.0);
+    w.add_wall(4.0, -3.0, 4.0, 1.2);
+    w.turn(0.297);
+    return w;
+}
+
 /// A sweep of 1080 beams over 270 degrees from a place in the world.
 inline void sweep(const FlatWorld& world, const double x, const double y, const double yaw, const double range_max_m,
                   const double range_noise_m, std::mt19937& rng, LevelScan& scan) {
@@ -128,6 +140,10 @@ public:
     double pose_noise_m = 0.0;    ///< white error of the pose handed to the firmware
     double range_noise_m = 0.01;
     double range_max_m = 10.0;
+    /// Elevation of what is over and under the vehicle at (x, y, z); set: the ranges are handed to the firmware.
+    std::function<double(double, double, double)> over_m;
+    std::function<double(double, double, double)> under_m = [](double, double, double) { return 0.0; };
+    double slab_m = 1e9;   ///< over this elevation the vehicle is on the upper floor; the walls are those of the lower one
 
     void step(const Order order = Order::none) {
         t_us_ += 50000;
@@ -138,7 +154,12 @@ public:
         vehicle_.landed = z < 0.02 ? VehicleSample::Landed::on_ground : VehicleSample::Landed::in_air;
         vehicle_.battery_remaining = 1.0F;
         const double began_us = cpu_us();
-        grid.integrate(estimate_, scan_);
+        if (over_m) { look_up_and_down(); }
+        if (mission.floors().layer() != FloorPlanner::kShaft) {
+            Estimate on_floor = estimate_;
+            on_floor.altitude.floor_z_m = mission.floors().floor_z_m(estimate_.altitude);
+            grid.integrate(on_floor, scan_);
+        }
         target = mission.step(estimate_, grid, vehicle_, commands_, reference.pose(), t_us_);
         const Setpoint& wanted = reference.step(estimate_, target, t_us_);
         const bool vertical_free = mission.state() == MissionState::taking_off || mission.state() == MissionState::landing;
@@ -181,6 +202,21 @@ private:
         estimate_.altitude.valid = true;
     }
 
+    void look_up_and_down() {
+        SensorFrame& frame = *frame_;
+        frame.range_up.clear();
+        frame.range_down.clear();
+        const double over = over_m(x, y, z);
+        const double under = under_m(x, y, z);
+        static_cast<void>(frame.range_up.push({t_us_, static_cast<float>(over - z) - p.range_up_z_m, 0.1F, 12.0F}));
+        static_cast<void>(frame.range_down.push({t_us_, static_cast<float>(z - under) + p.range_down_z_m, 0.1F, 12.0F}));
+        estimate_.altitude.ceiling_z_m = static_cast<float>(over);
+        estimate_.altitude.ground_z_m = static_cast<float>(under);
+        estimate_.altitude.floor_z_m = z > slab_m ? static_cast<float>(slab_m) : 0.0F;
+        mission.see(estimate_, frame, scan_, grid);
+        static_cast<void>(grid.select_floor(mission.floors().current()));
+    }
+
     // Follows the setpoint of one step before: position error and feed-forward give a velocity, reached with a lag.
     void fly() {
         const Setpoint s = delayed_;
@@ -212,6 +248,7 @@ private:
     std::int64_t t_us_ = 1000000;
     LevelScan scan_;
     Estimate estimate_;
+    std::unique_ptr<SensorFrame> frame_ = std::make_unique<SensorFrame>();
     Bounded<CommandSample, kMaxCommandPerStep> commands_;
     Setpoint delayed_;
 
