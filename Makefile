@@ -1,6 +1,6 @@
 # Everything sets itself up: `make fly` and `make test` work in a fresh clone on Debian 12.
 .DEFAULT_GOAL := help
-.PHONY: help setup configure build fly test test-boards memory bench clean
+.PHONY: help setup configure build fly test test-boards fuzz memory bench clean
 
 JOBS  ?= $(shell nproc)
 WORLD ?= maze_a
@@ -8,6 +8,7 @@ ARGS  ?=
 BENCH ?= flight
 PARTS ?=
 LOG   ?= runs/maze_a-1/flight.lcm
+TIME  ?= 60
 
 help: ## this list
 	@echo "Noctule: make TARGET"
@@ -28,6 +29,9 @@ test: build ## every test: C++ twice (sanitizers, release), then Python
 
 test-boards: build ## cross builds for ARM, their tests and a flight under qemu, the Debian package in a chroot; PARTS="aarch64 package"
 	@setup/test_boards.sh $(JOBS) $(PARTS)
+
+fuzz: setup ## libFuzzer on everything that reads bytes from outside (clang 14); TIME=600 seconds each
+	@setup/fuzz.sh $(JOBS) $(TIME)
 
 memory: build ## docs/memory.md and its history, from the built programs and a flight; LOG=runs/maze_a-1/flight.lcm
 	@.venv/bin/python -m noctule.memory_report $(LOG)

@@ -1,5 +1,6 @@
 #include "navigator.hpp"
 
+#include <cmath>
 #include <limits>
 
 namespace noctule {
@@ -15,9 +16,10 @@ Navigator::Navigator(const Parameters& parameters)
 
 void Navigator::update_estimate(const SensorFrame& frame) {
     estimate_.t_us = frame.scan.t_us;
-    if (!frame.attitude.empty()) {
-        estimate_.roll_rad = frame.attitude.back().roll_rad;
-        estimate_.pitch_rad = frame.attitude.back().pitch_rad;
+    for (const AttitudeSample& sample : frame.attitude) {
+        if (!std::isfinite(sample.roll_rad) || !std::isfinite(sample.pitch_rad)) { continue; }
+        estimate_.roll_rad = sample.roll_rad;
+        estimate_.pitch_rad = sample.pitch_rad;
     }
     // Heights for the laser's tilt count from the floor that the mission was on one step ago; what lies deeper is seen through an opening.
     AltitudeEstimate last = estimate_.altitude;
@@ -61,6 +63,12 @@ const NavOutput& Navigator::step(const SensorFrame& frame) {
     for (std::int32_t i = 0; i < kMaxFloors; ++i) { output_.floor_names[static_cast<std::size_t>(i)] = floors.name_of(i); }
     output_.openings_refused = static_cast<std::int32_t>(floors.judged().size());
     output_.known_area_m2 = grid_.known_area_m2();
+    output_.explored_share = -1.0F;
+    if (const std::int32_t behind = mission_.explorer().behind_cells(); behind >= 0) {
+        const float known_m2 = grid_.known_area_m2(floors.current());
+        const float behind_m2 = static_cast<float>(behind) * grid_.geometry().cell_m() * grid_.geometry().cell_m();
+        if (known_m2 > 0.0F) { output_.explored_share = known_m2 / (known_m2 + behind_m2); }
+    }
     output_.clearance_m = guard_.clearance_m();
     output_.guard_interventions = guard_.interventions();
     output_.guard_rule = guard_.rule();

@@ -34,6 +34,11 @@ public:
     void publish(const parameters_t& m) override { tables.push_back(m); }
     void store(const Parameters& m) override { stored.push_back(m); }
 
+    void forget() {
+        const auto empty = [](auto&... lists) { (lists.clear(), ...); };
+        empty(autopilot, ground, imu, attitude, up, down, baro, vehicle, command, tables, stored);
+    }
+
     std::vector<mavlink_message_t> autopilot;
     std::vector<mavlink_message_t> ground;
     std::vector<imu_t> imu;
@@ -219,6 +224,9 @@ struct Scene {
         nav.state = static_cast<std::int32_t>(MissionState::exploring);
         run(1.0);
     }
+
+    /// The system that the bridge speaks as.
+    [[nodiscard]] std::uint8_t bridge_system() const { return bridge.autopilot_heard() ? kSystem : std::uint8_t{1}; }
 
     [[nodiscard]] std::vector<mavlink_command_long_t> commands(const std::uint16_t command) const {
         std::vector<mavlink_command_long_t> found;
