@@ -224,9 +224,9 @@ void NavNode::run(const Consumed& consumed) {
     predictor_.correct(output.estimate);
     const float step_us = stopwatch_ != nullptr ? static_cast<float>(stopwatch_() - start_ns) * 1e-3F : 0.0F;
 
-    publish_maps(output);
     publish_nav(output, consumed, step_us);
     publish_odometry(frame_.scan.t_us, true);
+    publish_maps(output);  // last: nobody flies by them
 }
 
 void NavNode::publish_odometry(const std::int64_t t_us, const bool at_scan) {

@@ -1,15 +1,18 @@
 """`noctule bench link`: from a complete scan to the setpoint on the wire, with the real noctule-nav and noctule-bridge at the pace of the clock.
 
-The bench stands between bridge and simulated autopilot on the MAVLink link and listens to SCAN on the bus. A setpoint carries its scan's stamp
-(time_boot_ms), so each is matched with its scan: the latency is from the scan's arrival on the bus to the setpoint's arrival on the wire.
+The bench stands between bridge and simulated autopilot on the MAVLink link and listens to the bus. A setpoint carries its scan's stamp
+(time_boot_ms), so each is matched with its scan: the latency is from the scan's arrival on the bus to the setpoint's arrival on the wire. Both are
+the kernel's stamps, so that the bench's own delays are in neither. Inertial data comes spread out, as from a real autopilot (simulator's --realtime).
 """
 
 from __future__ import annotations
 
 import math
 import os
+import re
 import select
 import socket
+import struct
 import subprocess
 import sys
 import tempfile
@@ -24,8 +27,67 @@ os.environ.setdefault("MAVLINK20", "1")
 from pymavlink.dialects.v20 import common as mavlink  # noqa: E402
 
 WORLD, SEED = "maze_a", 1
-SCAN_STAMP = slice(8, 16)       # of the encoded scan_t: t_us, big-endian, behind the fingerprint
+STAMP_NS = 35                   # SO_TIMESTAMPNS of Linux: the kernel's time of arrival comes with each datagram
+LCM_HEAD = b"LC02"              # then 4 bytes of sequence number, the channel's name up to a zero, the message
+FINGERPRINT = 8                 # of the encoded scan_t; then t_us, big-endian
 WARM_UP = 40                    # first matched setpoints are left out: caches, page faults
+
+
+def arrival(receiver: socket.socket) -> tuple[bytes, float]:
+    """A datagram and when it arrived, by the kernel [s].
+
+    Raises:
+        BlockingIOError: none waits.
+    """
+    data, ancillary, _, _ = receiver.recvmsg(65536, 64)
+    for level, kind, value in ancillary:
+        if level == socket.SOL_SOCKET and kind == STAMP_NS:
+            seconds, nanoseconds = struct.unpack("@ll", value[:struct.calcsize("@ll")])
+            return data, seconds + 1e-9 * nanoseconds
+    raise InputError("bench link: the kernel gives no time of arrival")
+
+
+def scan_stamp(datagram: bytes) -> int | None:
+    """t_us of the SCAN that a datagram of the bus carries; None: it carries something else.
+
+    >>> scan_stamp(LCM_HEAD + bytes(4) + b"SCAN\\0" + bytes(8) + (42).to_bytes(8, "big"))
+    42
+    >>> scan_stamp(LCM_HEAD + bytes(4) + b"IMU\\0" + bytes(16)) is None
+    True
+    """
+    head = LCM_HEAD + datagram[4:8] + b"SCAN\0"
+    if not datagram.startswith(head):
+        return None
+    return int.from_bytes(datagram[len(head) + FINGERPRINT:len(head) + FINGERPRINT + 8], "big")
+
+
+class Ear:
+    """Notes when each SCAN was on the bus."""
+
+    def __init__(self, url: str):
+        group, port = re.match(r"udpm://([0-9.]+):(\d+)", url).groups()
+        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 21)
+        self.socket.setsockopt(socket.SOL_SOCKET, STAMP_NS, 1)
+        self.socket.bind((group, int(port)))
+        self.socket.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, struct.pack("=4sl", socket.inet_aton(group), socket.INADDR_ANY))
+        self.socket.setblocking(False)
+        self.scans: dict[int, float] = {}        # stamp [ms] -> arrival [s]
+
+    def listen(self) -> None:
+        """Takes what waits."""
+        while True:
+            try:
+                data, at_s = arrival(self.socket)
+            except BlockingIOError:
+                return
+            stamp = scan_stamp(data)
+            if stamp is not None:
+                self.scans.setdefault(stamp // 1000, at_s)
+
+    def close(self) -> None:
+        self.socket.close()
 
 
 class Tap:
@@ -36,6 +98,7 @@ class Tap:
         self.front.bind(("127.0.0.1", 0))
         self.back = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)      # and the bridge to this one
         self.back.bind(("127.0.0.1", 0))
+        self.back.setsockopt(socket.SOL_SOCKET, STAMP_NS, 1)
         for end in (self.front, self.back):
             end.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 20)
             end.setblocking(False)
@@ -43,7 +106,7 @@ class Tap:
         self.simulator = None
         self.mav = mavlink.MAVLink(None)
         self.mav.robust_parsing = True
-        self.setpoints: dict[int, float] = {}    # time_boot_ms -> wall time [s]
+        self.setpoints: dict[int, float] = {}    # time_boot_ms -> arrival [s]
 
     @property
     def port(self) -> int:
@@ -59,15 +122,14 @@ class Tap:
             self.back.sendto(data, self.bridge)
         while True:
             try:
-                data, _ = self.back.recvfrom(65536)
+                data, at_s = arrival(self.back)
             except (BlockingIOError, ConnectionRefusedError):
                 return
-            now = time.monotonic()
             if self.simulator is not None:
                 self.front.sendto(data, self.simulator)
             for message in self.mav.parse_buffer(data) or []:
                 if message.get_type() == "SET_POSITION_TARGET_LOCAL_NED":
-                    self.setpoints.setdefault(message.time_boot_ms, now)
+                    self.setpoints.setdefault(message.time_boot_ms, at_s)
 
     def close(self) -> None:
         self.front.close()
@@ -84,14 +146,10 @@ def measure(profile: str, seconds: float) -> list[float]:
     Raises:
         InputError: the programs are not built, or the vehicle did not take off.
     """
-    import lcm
-
     locks = [PortLock.take_any() for _ in range(3)]
     autopilot, ground, bus_port = (lock.port for lock in locks)
     url = lcm_url(bus_port)
-    bus, scans = lcm.LCM(url), {}
-    bus.subscribe("SCAN", lambda _, data: scans.setdefault(int.from_bytes(data[SCAN_STAMP], "big") // 1000, time.monotonic()))
-    tap, processes = Tap(autopilot), []
+    ear, tap, processes = Ear(url), Tap(autopilot), []
     with tempfile.TemporaryDirectory() as folder:
         station = GroundStation(ground, Path(folder) / "flight.tlog")
         try:
@@ -102,10 +160,9 @@ def measure(profile: str, seconds: float) -> list[float]:
                 processes.append(subprocess.Popen([str(c) for c in command], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL))
             deadline, begun = time.monotonic() + 90.0, None
             while time.monotonic() < deadline:
-                select.select([tap.front, tap.back, bus.fileno(), station.socket], [], [], 0.02)
+                select.select([tap.front, tap.back, ear.socket, station.socket], [], [], 0.02)
                 tap.pump()
-                while bus.handle_timeout(0) > 0:
-                    pass
+                ear.listen()
                 station.receive()
                 station.tick()
                 if station.start_result != mavlink.MAV_RESULT_ACCEPTED:
@@ -122,9 +179,10 @@ def measure(profile: str, seconds: float) -> list[float]:
                 process.wait()
             station.close()
             tap.close()
+            ear.close()
             for lock in locks:
                 lock.release()
-    return [tap.setpoints[stamp] - scans[stamp] for stamp in sorted(scans) if stamp in tap.setpoints][WARM_UP:]
+    return [tap.setpoints[stamp] - ear.scans[stamp] for stamp in sorted(ear.scans) if stamp in tap.setpoints][WARM_UP:]
 
 
 def percentile(values: list[float], share: float) -> float | None:

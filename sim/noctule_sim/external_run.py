@@ -12,10 +12,8 @@ from pathlib import Path
 
 from .external import AutopilotGone, External
 from .passage import Passage
-from .run import CONNECT_WAIT_S, Runner
+from .run import CONNECT_WAIT_S, LASER_LATENCY_S, Runner
 from .simulation import Outcome, Simulation, TickData
-
-LASER_LATENCY_S = 0.025   # of sensors.Profile.answer_latency_s
 
 
 class ExternalRunner(Runner):
@@ -81,7 +79,7 @@ class ExternalRunner(Runner):
 
     def _await(self, tick: TickData) -> None:
         if self.realtime:
-            self._pace(tick.t_us)
+            self._pace(self._started + tick.t_us * 1e-6)
 
     def _on_time(self, t_us: int) -> None:
         self.link.pump(t_us)

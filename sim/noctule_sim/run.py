@@ -1,7 +1,8 @@
 """One simulated flight against real processes: lockstep over MAVLink and LCM, truth.csv and sim.json.
 
 Each tick's MAVLink goes out, then its SCAN (and IMAGE) on LCM; then the ODOMETRY of the scan's stamp is awaited. Wall
-time is only the watchdog, and the pace with realtime.
+time is only the watchdog, and the pace with realtime; there the inertial data of a tick goes out one sample after the other while the laser's latency passes,
+then its SCAN.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from .simulation import TICK_US, Outcome, Simulation, TickData
 ANSWER_WAIT_S = 2.0       # no answer for this long: the lockstep is broken
 CONNECT_WAIT_S = 10.0     # patience before the first answer
 CONNECT_TICK_S = 1.0      # wall time of a tick while nobody has answered yet
+LASER_LATENCY_S = 0.025   # of sensors.Profile.answer_latency_s
 SETTLE_WALL_S = 0.3       # between the companion's first heartbeat and the first tick
 SAY_FIRST_S, SAY_AGAIN_S = 3.0, 10.0
 MAX_BEAMS = 1200
@@ -179,7 +181,12 @@ class Runner:
         self._connect_end = time.monotonic() + CONNECT_WAIT_S
 
     def _publish(self, tick: TickData) -> None:
-        self.link.send(tick)
+        if self.realtime:
+            begin = self._started + (tick.t_us - TICK_US) * 1e-6
+            self.link.play(tick, lambda share: self._pace(begin + share * LASER_LATENCY_S))
+            self._pace(begin + LASER_LATENCY_S)
+        else:
+            self.link.send(tick)
         self._publish_scan(tick)
         if tick.image is not None:
             self._publish_image(tick)
@@ -201,7 +208,7 @@ class Runner:
     def _await(self, tick: TickData) -> None:
         now = time.monotonic()
         if self.realtime:
-            self._pace(tick.t_us)
+            self._pace(self._started + tick.t_us * 1e-6)
             return
         if tick.scan_m is None:
             # Without a scan nothing closes the tick: give the companion a moment.
@@ -235,8 +242,8 @@ class Runner:
                 return True
         return False
 
-    def _pace(self, t_us: int) -> None:
-        end = self._started + t_us * 1e-6
+    def _pace(self, end: float) -> None:
+        """Listens until a moment of wall time."""
         while True:
             left = end - time.monotonic()
             self.link.receive(max(0.0, left), None)
