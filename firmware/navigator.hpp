@@ -39,6 +39,7 @@ struct NavOutput {
     std::array<std::int32_t, kFloorSlots> floor_names{};   ///< number of each layer of the grid
     std::int32_t openings_refused = 0;   ///< openings judged and not taken, or without a floor behind
     float known_area_m2 = 0.0F;
+    float explored_share = -1.0F;   ///< of the present floor: what is known, of that and the unknown that shows behind its edges; -1 not known
     float clearance_m = 0.0F;   ///< hull to the nearest solid point seen; NaN unknown
     std::int32_t guard_interventions = 0;
     GuardRule guard_rule = GuardRule::none;

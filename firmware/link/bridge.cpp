@@ -413,6 +413,10 @@ void Bridge::on_wall(const std::int64_t wall_us) {
         alive_ = false;
         text(MAV_SEVERITY_CRITICAL, "autopilot silent");
     }
+    if (alive_ && now_us_ < 0 && wall_us >= next_wall_ask_us_) {
+        next_wall_ask_us_ = wall_us + kSecond_us;
+        wake_streams();
+    }
     if (alive_ || wall_us < next_wall_beat_us_) { return; }
     next_wall_beat_us_ = wall_us + kSecond_us;
     send_heartbeat();

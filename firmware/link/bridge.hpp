@@ -202,7 +202,9 @@ private:
     void send_heartbeat();
     void send_progress();
     void publish_vehicle();
+    void ask_for(std::uint32_t msgid, float rate_hz);
     void ask_for_streams();
+    void wake_streams();
     void text(std::uint8_t severity, const char* format, ...) __attribute__((format(printf, 3, 4)));
 
     template <class Payload>
@@ -271,6 +273,7 @@ private:
     std::int64_t wall_us_ = 0;
     std::int64_t autopilot_wall_us_ = -1;
     std::int64_t next_wall_beat_us_ = 0;
+    std::int64_t next_wall_ask_us_ = 0;
     std::int64_t next_second_us_ = 0;
     std::int64_t next_vehicle_us_ = 0;
     std::int64_t next_hold_us_ = 0;

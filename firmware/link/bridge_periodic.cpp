@@ -140,11 +140,15 @@ void Bridge::publish_vehicle() {
     sink_.publish(vehicle_);
 }
 
+void Bridge::ask_for(const std::uint32_t msgid, const float rate_hz) { send_command(MAV_CMD_SET_MESSAGE_INTERVAL, {static_cast<float>(msgid), 1e6F / rate_hz}); }
+
+/// An autopilot that sends nothing unasked but its heartbeat (ArduPilot) has told no time yet, and without time nothing else happens here.
+void Bridge::wake_streams() {
+    for (const Stream& stream : streams_) { ask_for(stream.msgid, stream.rate_hz); }
+}
+
 /// Asks for what does not come at half its rate or more; looks again every five seconds.
 void Bridge::ask_for_streams() {
-    const auto ask = [this](const std::uint32_t msgid, const float rate_hz) {
-        send_command(MAV_CMD_SET_MESSAGE_INTERVAL, {static_cast<float>(msgid), 1e6F / rate_hz});
-    };
     const float span_s = static_cast<float>(now_us_ - streams_since_us_) * 1e-6F;
     constexpr int kFutileAtMost = 3;
     for (Stream& stream : streams_) {
@@ -153,15 +157,15 @@ void Bridge::ask_for_streams() {
                 text(MAV_SEVERITY_NOTICE, "%s comes at %.0f of %.0f Hz", stream.name, static_cast<double>(static_cast<float>(stream.count) / span_s), static_cast<double>(stream.rate_hz));
             }
             ++stream.futile;
-            ask(stream.msgid, stream.rate_hz);
-            if (stream.count == 0 && stream.substitute != 0) { ask(stream.substitute, stream.rate_hz); }
+            ask_for(stream.msgid, stream.rate_hz);
+            if (stream.count == 0 && stream.substitute != 0) { ask_for(stream.substitute, stream.rate_hz); }
         } else {
             stream.futile = 0;
         }
         stream.count = 0;
     }
     // Only for an autopilot whose HIGHRES_IMU has no pressure, and only where somebody wants it.
-    if (p_.alt_baro_sigma_m > 0.0F && (baro_.seq == 0 || baro_.t_us < streams_since_us_)) { ask(MAVLINK_MSG_ID_SCALED_PRESSURE, kBaro_hz); }
+    if (p_.alt_baro_sigma_m > 0.0F && (baro_.seq == 0 || baro_.t_us < streams_since_us_)) { ask_for(MAVLINK_MSG_ID_SCALED_PRESSURE, kBaro_hz); }
     streams_since_us_ = now_us_;
     next_streams_us_ = now_us_ + kStreamsPeriod_us;
 }

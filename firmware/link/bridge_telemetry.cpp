@@ -18,7 +18,6 @@ constexpr double kE7PerRadian = 180.0 / 3.14159265358979323846 * 1e7;
 constexpr float kDrainSeen = 0.02F;         // share of the battery that must be gone before its drain is believed
 constexpr std::uint16_t kHorizontalVelocity = 0x0002;
 constexpr std::uint16_t kHorizontalPosition = 0x0018;   // relative or absolute
-constexpr std::uint16_t kConstantPosition = 0x0080;
 constexpr std::int64_t kEstimatorFresh_us = 3 * kSecond_us;
 constexpr float kRejected = 1.0F;           // test ratio from which on the estimator leaves our position out
 
@@ -88,6 +87,7 @@ void Bridge::send_progress() {
     send("nav_state", static_cast<float>(nav_.state));
     send("nav_ready", static_cast<float>(nav_.ready));
     send("area_m2", nav_.known_area_m2);
+    send("explored", nav_.explored_share);
     send("floor", static_cast<float>(nav_.floor));
     send("quality", static_cast<float>(nav_.quality));
     send("time_left", time_left_s());
@@ -169,9 +169,10 @@ void Bridge::take_estimator(const std::uint16_t flags, const float position_rati
 }
 
 /// ESTIMATOR_STATUS or EKF_STATUS_REPORT, where one is sent, must claim a horizontal position. In flight they tell of a loss far too late.
+/// Their flag of a constant position says nothing: PX4 sets it at rest, whatever it knows.
 bool Bridge::estimator_lost() const {
     if (estimator_us_ < 0 || now_us_ - estimator_us_ > kEstimatorFresh_us) { return false; }
-    return (estimator_flags_ & kHorizontalVelocity) == 0 || (estimator_flags_ & kHorizontalPosition) == 0 || (estimator_flags_ & kConstantPosition) != 0;
+    return (estimator_flags_ & kHorizontalVelocity) == 0 || (estimator_flags_ & kHorizontalPosition) == 0;
 }
 
 /// EKF_STATUS_REPORT is of ArduPilot's dialect, which the headers do not have: read by hand, checksum included.

@@ -2,7 +2,7 @@
 ///
 /// noctule-nav, the in-process bench and the replay all drive this same class, so that they compute the same.
 /// It collects samples until the inertial data has reached a scan's stamp, runs one Navigator::step, and publishes
-/// what the step returned: GRID_TILE, WALLS, LEVELS, then NAV, then ODOM. Between scans it publishes ODOM from the
+/// what the step returned: NAV, ODOM, then what only a watcher wants: GRID_TILE, WALLS, LEVELS. Between scans it publishes ODOM from the
 /// output predictor every 20 ms of data time. Samples later than the scan stay for the next step. A PARAMETERS message
 /// takes effect between two steps; rows that need a restart keep the value they started with.
 /// Frames Map and Body (docs/frames.md), SI units. No heap, no clock, not thread-safe. All storage is inside.

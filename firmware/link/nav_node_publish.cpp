@@ -124,6 +124,7 @@ void NavNode::publish_nav(const NavOutput& output, const Consumed& consumed, con
     nav.goal_x_m = output.goal_x_m;
     nav.goal_y_m = output.goal_y_m;
     nav.known_area_m2 = output.known_area_m2;
+    nav.explored_share = output.explored_share;
     nav.clearance_m = output.clearance_m;
     nav.guard_interventions = output.guard_interventions;
     nav.guard_rule = static_cast<std::int32_t>(output.guard_rule);

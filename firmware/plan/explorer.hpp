@@ -51,6 +51,8 @@ public:
     [[nodiscard]] float goal_y_m() const { return goal_.y_m; }
     [[nodiscard]] float look_x_m() const { return goal_.answer.look_x_m; }   ///< what is to be seen from the goal
     [[nodiscard]] float look_y_m() const { return goal_.answer.look_y_m; }
+    /// Cells of the unknown behind the known edges (Survey::behind_cells); -1 not known.
+    [[nodiscard]] std::int32_t behind_cells() const { return survey_.behind_cells(); }
     [[nodiscard]] const Traversability& where() const { return where_; }
     [[nodiscard]] const TourPolicy& tour() const { return tour_; }
     [[nodiscard]] const Survey& survey() const { return survey_; }

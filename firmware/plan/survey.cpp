@@ -54,6 +54,8 @@ bool Survey::run(const MapView& map, const ViewRule& rule, const std::int32_t bu
     }
     if (phase_ == Phase::edge) {
         if (!search_.run(map.grid, map.where, costs_, tried_, rule, map.home.x_m, map.home.y_m, map.t_us)) { return false; }
+        behind_cells_ = 0;
+        for (const Frontier& f : search_.found()) { behind_cells_ += f.behind; }
         if (rule.camera) {
             phase_ = Phase::unseen;
             unseen_.start();

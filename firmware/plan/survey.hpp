@@ -30,6 +30,7 @@ public:
         restart();
         tried_.clear();
         costs_.clear();
+        behind_cells_ = -1;
     }
     /// The pass under way is dropped, the next one begins with the costs.
     void restart() { phase_ = Phase::idle; }
@@ -45,6 +46,8 @@ public:
 
     [[nodiscard]] const CostField& costs() const { return costs_; }       ///< from the vehicle, of the last pass
     [[nodiscard]] const FrontierSearch& search() const { return search_; }
+    /// Cells of the unknown that hang behind the edges of the last pass, each edge's counted within 1.2 m of it; -1 before the first pass.
+    [[nodiscard]] std::int32_t behind_cells() const { return behind_cells_; }
     [[nodiscard]] TriedPlaces& tried() { return tried_; }
     [[nodiscard]] const TriedPlaces& tried() const { return tried_; }
     [[nodiscard]] OpenCells& open() { return open_; }                     ///< for searches between two passes
@@ -59,6 +62,7 @@ private:
     SoundingSearch passes_;
     TriedPlaces tried_;
     Phase phase_ = Phase::idle;
+    std::int32_t behind_cells_ = -1;
 };
 
 }  // namespace noctule

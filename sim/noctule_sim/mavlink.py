@@ -10,6 +10,7 @@ import math
 import select
 import socket
 import struct
+from typing import Callable
 
 from pymavlink.dialects.v20 import common as mav
 
@@ -103,6 +104,7 @@ class MavlinkLink:
         self._said: set[str] = set()
         self._state = None
         self._parameters = dict(_PX4_PARAMETERS if self.flavour == "px4" else _ARDUPILOT_PARAMETERS)
+        self._asked = self.flavour == "px4"     # ArduPilot sends its heartbeat alone until messages are asked for
         self.companion_heard = False
         self.bad_bytes = 0
 
@@ -117,22 +119,36 @@ class MavlinkLink:
 
     def send(self, tick: TickData) -> None:
         """Everything of one tick; the HIGHRES_IMU of its end is last."""
+        self._send([message for group in self._groups(tick) for message in group])
+
+    def play(self, tick: TickData, until: Callable[[float], object]) -> None:
+        """The same one inertial sample after the other; until(share) waits until that share of the time for it is over."""
+        groups = self._groups(tick)
+        for i, group in enumerate(groups):
+            until(i / len(groups))
+            self._send(group)
+
+    def _groups(self, tick: TickData) -> list[list]:
+        """The messages of a tick in the order of time, those up to and with one inertial sample together."""
+        if not self._asked:
+            return [self._states(tick)]
         magnet = tick.magnet_gauss
         attitudes = {a.t_us: a for a in tick.attitude}
-        messages = []
+        groups = []
         for sample in tick.imu[:-1]:
-            if sample.t_us in attitudes:
-                messages.append(_attitude(attitudes[sample.t_us]))
-            messages.append(_imu(sample, magnet))
-        messages += self._states(tick)
+            attitude = [_attitude(attitudes[sample.t_us])] if sample.t_us in attitudes else []
+            groups.append([*attitude, _imu(sample, magnet)])
         end_ms = tick.t_us // 1000
-        messages.append(_range(end_ms, tick.range_up_m, mav.MAV_SENSOR_ROTATION_PITCH_90, 0, self.simulation.profile))
-        messages.append(_range(end_ms, tick.range_down_m, mav.MAV_SENSOR_ROTATION_PITCH_270, 1, self.simulation.profile))
         x, y, z, vx, vy, vz, _ = tick.local
-        messages.append(mav.MAVLink_local_position_ned_message(end_ms, x, -y, -z, vx, -vy, -vz))
-        messages.append(_attitude(tick.attitude[-1]))
-        messages.append(_imu(tick.imu[-1], magnet, tick.baro_m))
-        self._send(messages)
+        groups.append([
+            *self._states(tick),
+            _range(end_ms, tick.range_up_m, mav.MAV_SENSOR_ROTATION_PITCH_90, 0, self.simulation.profile),
+            _range(end_ms, tick.range_down_m, mav.MAV_SENSOR_ROTATION_PITCH_270, 1, self.simulation.profile),
+            mav.MAVLink_local_position_ned_message(end_ms, x, -y, -z, vx, -vy, -vz),
+            _attitude(tick.attitude[-1]),
+            _imu(tick.imu[-1], magnet, tick.baro_m),
+        ])
+        return groups
 
     def _states(self, tick: TickData) -> list:
         autopilot, count = self.simulation.autopilot, self.simulation.ticks
@@ -151,8 +167,20 @@ class MavlinkLink:
             healthy = mav.MAV_SYS_STATUS_SENSOR_3D_GYRO | mav.MAV_SYS_STATUS_SENSOR_3D_ACCEL | mav.MAV_SYS_STATUS_SENSOR_BATTERY
             out.append(mav.MAVLink_sys_status_message(healthy, healthy, healthy, 150, int(volt * 1000), -1, percent, 0, 0, 0, 0, 0, 0))
             cells = [int(volt / CAPACITY_CELLS * 1000)] * CAPACITY_CELLS + [0xFFFF] * (10 - CAPACITY_CELLS)
+            if self.flavour == "px4":
+                out.append(self._estimator_status(tick))
             out.append(mav.MAVLink_battery_status_message(0, mav.MAV_BATTERY_FUNCTION_ALL, mav.MAV_BATTERY_TYPE_LIPO, 0x7FFF, cells, -1, -1, -1, percent))
         return out
+
+    def _estimator_status(self, tick: TickData):
+        """As PX4 1.17 says it: the constant position mode is on at rest, with a position and without."""
+        autopilot = self.simulation.autopilot
+        flags = mav.ESTIMATOR_ATTITUDE | mav.ESTIMATOR_VELOCITY_VERT | mav.ESTIMATOR_POS_VERT_ABS
+        if autopilot.estimator.aided:
+            flags |= mav.ESTIMATOR_VELOCITY_HORIZ | mav.ESTIMATOR_POS_HORIZ_REL | mav.ESTIMATOR_PRED_POS_HORIZ_REL
+        if autopilot.landed is Landed.on_ground:
+            flags |= mav.ESTIMATOR_CONST_POS_MODE
+        return mav.MAVLink_estimator_status_message(tick.t_us, flags, *[math.nan] * 6, 0.02, 0.02)
 
     def _heartbeat(self):
         autopilot = self.simulation.autopilot
@@ -166,6 +194,8 @@ class MavlinkLink:
         return mav.MAVLink_heartbeat_message(mav.MAV_TYPE_QUADROTOR, kind, base, custom_mode(self.flavour, autopilot.mode), state, 3)
 
     def _send(self, messages: list) -> None:
+        if not messages:
+            return
         buffer = bytearray()
         link = self._mav
         for message in messages:
@@ -217,8 +247,9 @@ class MavlinkLink:
             self._setpoint(message)
         elif kind == "HEARTBEAT":
             if message.get_srcComponent() != COMPONENT or message.get_srcSystem() != SYSTEM:
-                self.companion_heard = True
+                self.companion_heard = self.companion_heard or self._asked
         elif kind in ("COMMAND_LONG", "COMMAND_INT"):
+            self._asked = self._asked or message.command == mav.MAV_CMD_SET_MESSAGE_INTERVAL
             if message.target_system in (0, SYSTEM) and message.target_component in (0, COMPONENT):
                 parameters = [getattr(message, f"param{i}") for i in range(1, 5)]
                 height = message.param7 if kind == "COMMAND_LONG" else message.z

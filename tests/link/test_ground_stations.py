@@ -87,7 +87,7 @@ def test_mavsdk_finds_reads_changes_and_flies(tmp_path):
             assert wait_for(lambda: state() == PAUSED, 20.0)
             assert order(PAUSE_CONTINUE, 1.0) == 0
             assert wait_for(lambda: state() == EXPLORING, 20.0)
-            assert values["area_m2"] > 1.0 and values["quality"] > 0.0 and values["floor"] == 0.0
+            assert values["area_m2"] > 1.0 and 0.0 < values["explored"] <= 1.0 and values["quality"] > 0.0 and values["floor"] == 0.0
             assert order(RETURN) == 0 and order(RETURN) == 0        # a repeat is answered alike
             assert wait_for(lambda: state() in (RETURNING, LANDING, LANDED), 20.0)
             assert order(LAND) == 0

@@ -188,7 +188,7 @@ static void an_estimator_without_a_position_refuses_the_start() {
     s.from_autopilot(mavlink_msg_estimator_status_encode_status, m);
     s.ask(MAV_CMD_MISSION_START);
     TEST_ASSERT_TRUE(s.said("EKF has no position"));
-    m.flags = 0x003F;
+    m.flags = 0x01AF;  // PX4 1.17 at rest with a good position: the constant position mode is on
     s.from_autopilot(mavlink_msg_estimator_status_encode_status, m);
     s.ask(MAV_CMD_MISSION_START);
     TEST_ASSERT_EQUAL_INT(MAV_RESULT_ACCEPTED, s.results(MAV_CMD_MISSION_START).at(1));
@@ -352,6 +352,7 @@ static void the_older_vision_message_is_a_choice_and_says_nothing_when_nothing_i
 
 static void progress_and_load_reach_the_ground() {
     static Scene s;
+    s.nav.explored_share = 0.75F;
     s.fly();
     mavlink_sys_status_t power{};
     power.battery_remaining = 90;
@@ -364,9 +365,12 @@ static void progress_and_load_reach_the_ground() {
     s.from_autopilot(mavlink_msg_sys_status_encode_status, power);
     s.run(1.5);
     float left_s = -2.0F;
+    float explored = -2.0F;
     for (const auto& m : all(s.out.ground, MAVLINK_MSG_ID_NAMED_VALUE_FLOAT, mavlink_msg_named_value_float_decode)) {
         if (std::strncmp(m.name, "time_left", sizeof m.name) == 0) { left_s = m.value; }
+        if (std::strncmp(m.name, "explored", sizeof m.name) == 0) { explored = m.value; }
     }
+    TEST_ASSERT_EQUAL_FLOAT(0.75F, explored);
     TEST_ASSERT_FLOAT_WITHIN(40.0F, (0.8F - s.parameters.battery_return) * 1030.0F, left_s);
     ComputerLoad load;
     load.cpu_percent = 42;

@@ -445,6 +445,20 @@ static void what_the_autopilot_does_not_send_is_asked_for() {
     TEST_ASSERT_FALSE(local);     // comes as wanted
 }
 
+static void an_autopilot_that_only_beats_is_asked_for_everything() {
+    static Scene s;
+    s.autopilot_type = MAV_AUTOPILOT_ARDUPILOTMEGA;
+    for (std::int64_t wall_us = 0; wall_us <= 2500000; wall_us += 100000) {  // no message with a time in it
+        if (wall_us % 1000000 == 0) { s.heartbeat(); }
+        s.bridge.on_wall(wall_us);
+    }
+    TEST_ASSERT_EQUAL_INT64(-1, s.bridge.now_us());
+    std::size_t imu = 0;
+    for (const auto& c : s.commands(MAV_CMD_SET_MESSAGE_INTERVAL)) { imu += c.param1 == static_cast<float>(MAVLINK_MSG_ID_HIGHRES_IMU) && c.param2 == 4000.0F ? 1U : 0U; }
+    TEST_ASSERT_EQUAL_size_t(3, imu);
+    TEST_ASSERT_EQUAL_size_t(24, s.commands(MAV_CMD_SET_MESSAGE_INTERVAL).size());  // eight streams, once a second
+}
+
 static void texts_do_not_flood_the_link() {
     static Scene s;
     s.fly();
@@ -481,6 +495,7 @@ int main() {
     RUN_TEST(pressure_reaches_nav_thinned_out_and_before_the_inertial_sample);
     RUN_TEST(the_coarser_pressure_serves_while_the_better_is_silent_and_is_asked_for_when_wanted);
     RUN_TEST(what_the_autopilot_does_not_send_is_asked_for);
+    RUN_TEST(an_autopilot_that_only_beats_is_asked_for_everything);
     RUN_TEST(texts_do_not_flood_the_link);
     return UNITY_END();
 }

@@ -80,6 +80,17 @@ void a_closed_cell_is_finished_at_once() {
     expect_explored(w, 60.0, 0.99, 4);
 }
 
+void the_unknown_behind_the_edges_shrinks_to_nothing() {
+    const FlatWorld w = rooms(0.90);
+    const Parameters p;
+    const auto loop = std::make_unique<ClosedLoop>(p, w, 5);
+    TEST_ASSERT_EQUAL_INT32(-1, loop->mission.explorer().behind_cells());
+    static_cast<void>(test::fly(*loop, 20.0));
+    TEST_ASSERT_GREATER_THAN_INT32(100, loop->mission.explorer().behind_cells());  // the first room has one door: more than 1 m2 shows behind it
+    TEST_ASSERT_TRUE(test::fly(*loop, 240.0).completed);
+    TEST_ASSERT_LESS_THAN_INT32(60, loop->mission.explorer().behind_cells());
+}
+
 void the_same_run_twice_is_the_same_to_the_bit() {
     const FlatWorld w = rooms(0.90);
     const Parameters p;
@@ -103,6 +114,7 @@ int main() {
     RUN_TEST(rooms_with_doors_of_0_8_m);
     RUN_TEST(pillars_and_dead_ends);
     RUN_TEST(a_closed_cell_is_finished_at_once);
+    RUN_TEST(the_unknown_behind_the_edges_shrinks_to_nothing);
     RUN_TEST(the_same_run_twice_is_the_same_to_the_bit);
     return UNITY_END();
 }
