@@ -43,6 +43,6 @@ constexpr PreflightRow kPreflight[] = {
 
 }  // namespace
 
-const Flavour kArdupilot{"ArduPilot", mode(kGuided), mode(kLand), true, &name, true, kPreflight, MAV_ESTIMATOR_TYPE_LIDAR};
+const Flavour kArdupilot{"ArduPilot", mode(kGuided), mode(kLand), true, &name, true, kPreflight, true, MAV_ESTIMATOR_TYPE_LIDAR};
 
 }  // namespace noctule

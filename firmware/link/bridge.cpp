@@ -135,6 +135,7 @@ void Bridge::take(const mavlink_message_t& message) {
             return;
         }
         case MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: take_origin(message); return;
+        case MAVLINK_MSG_ID_GLOBAL_POSITION_INT: global_us_ = now_us_; return;
         case MAVLINK_MSG_ID_DISTANCE_SENSOR: take_range(message); return;
         case MAVLINK_MSG_ID_LOCAL_POSITION_NED: {
             mavlink_local_position_ned_t in;
@@ -335,6 +336,7 @@ void Bridge::forget_autopilot_clock(const std::int64_t t_us) {
     next_origin_us_ = 0;
     next_obstacles_us_ = 0;
     estimator_us_ = -1;
+    global_us_ = -1;
     other_autopilot_us_ = -1;
     ground_heard_us_ = -1;
     last_order_us_ = -1;

@@ -176,6 +176,7 @@ private:
     void take_estimator(std::uint16_t flags, float position_ratio);
     void take_unknown(std::span<const std::uint8_t> frame);
     [[nodiscard]] bool estimator_lost() const;
+    [[nodiscard]] bool lands_elsewhere() const;
     [[nodiscard]] float time_left_s() const;
 
     // bridge_parameters.cpp
@@ -288,6 +289,7 @@ private:
     bool origin_known_ = false;
     int origin_tries_ = 0;
     std::int64_t next_origin_us_ = 0;
+    std::int64_t global_us_ = -1;          ///< when GLOBAL_POSITION_INT last came
     std::int64_t next_obstacles_us_ = 0;
     std::int64_t estimator_us_ = -1;
     std::uint16_t estimator_flags_ = 0;

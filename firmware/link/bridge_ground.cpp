@@ -209,6 +209,7 @@ Bridge::Obstacle Bridge::start_obstacle(const bool by_pilot) const {
     if (const char* why = preflight_obstacle(); why != nullptr) { return {why, preflight_.complete() ? kDenied : std::uint8_t{MAV_RESULT_TEMPORARILY_REJECTED}}; }
     if (!supervisor_.vision_fresh(now_us_)) { return {"no estimate"}; }
     if (estimator_lost()) { return {"EKF has no position"}; }
+    if (lands_elsewhere()) { return {"global origin, no global position", kDenied}; }
     if (!supervisor_.local_fresh(now_us_)) { return {"autopilot has no position"}; }
     if (!supervisor_.frames_agree()) { return {"estimate and autopilot differ"}; }
     if (battery_ >= 0.0F && battery_ <= std::max(p_.battery_land, p_.battery_return)) { return {"battery low"}; }

@@ -14,6 +14,7 @@ constexpr std::int64_t kSecond_us = 1000000;
 constexpr std::int64_t kObstaclePeriod_us = 100000;
 constexpr std::int64_t kOriginAgain_us = 2 * kSecond_us;
 constexpr int kOriginTries = 10;
+constexpr std::int64_t kGlobalFresh_us = 3 * kSecond_us;
 constexpr double kE7PerRadian = 180.0 / 3.14159265358979323846 * 1e7;
 constexpr float kDrainSeen = 0.02F;         // share of the battery that must be gone before its drain is believed
 constexpr std::uint16_t kHorizontalVelocity = 0x0002;
@@ -93,15 +94,16 @@ void Bridge::send_progress() {
     send("time_left", time_left_s());
 }
 
-/// An autopilot without a global origin is given one, on the ground only, and asked whether it has it now.
+/// An autopilot without a global origin is given one, on the ground only, and asked whether it has it now. One that cannot use it is only asked.
 void Bridge::step_origin() {
     if (p_.link_origin == 0 || armed_ || origin_known_ || origin_tries_ > kOriginTries || now_us_ < next_origin_us_) { return; }
     next_origin_us_ = now_us_ + kOriginAgain_us;
+    const bool gives = flavour_ != nullptr && flavour_->origin_serves;
     if (origin_tries_++ == kOriginTries) {
-        text(MAV_SEVERITY_NOTICE, "global origin not confirmed: no place on the map");
+        if (gives) { text(MAV_SEVERITY_NOTICE, "global origin not confirmed: no place on the map"); }
         return;
     }
-    if (origin_tries_ > 1) {  // the first time it is only asked: an origin that is there stays
+    if (origin_tries_ > 1 && gives) {  // the first time it is only asked: an origin that is there stays
         const auto latitude = static_cast<std::int32_t>(std::lround(static_cast<double>(p_.link_origin_latitude_rad) * kE7PerRadian));
         const auto longitude = static_cast<std::int32_t>(std::lround(static_cast<double>(p_.link_origin_longitude_rad) * kE7PerRadian));
         if (origin_tries_ % 2 == 0) {
@@ -132,7 +134,12 @@ void Bridge::take_origin(const mavlink_message_t& message) {
     mavlink_msg_gps_global_origin_decode(&message, &in);
     if (origin_known_ || (in.latitude == 0 && in.longitude == 0)) { return; }
     origin_known_ = true;
-    if (origin_tries_ > 1) { text(MAV_SEVERITY_INFO, "global origin set"); }
+    if (origin_tries_ > 1 && flavour_ != nullptr && flavour_->origin_serves) { text(MAV_SEVERITY_INFO, "global origin set"); }
+}
+
+/// Somebody gave an origin to an autopilot that makes no global position of it: its landing mode would fly off.
+bool Bridge::lands_elsewhere() const {
+    return flavour_ != nullptr && !flavour_->origin_serves && origin_known_ && (global_us_ < 0 || now_us_ - global_us_ > kGlobalFresh_us);
 }
 
 /// TIMESYNC both ways. We answer with the autopilot's own clock as we know it: all stamps that we send are on it, so the offset it finds is

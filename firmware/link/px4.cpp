@@ -1,6 +1,7 @@
 /// PX4: OFFBOARD follows setpoints and takes off by them. It wants them flowing (2 Hz or more, for a second) before it accepts the
 /// mode, fails safe COM_OF_LOSS_T after they stop, and answers an unknown mode with DENIED. It refuses ODOMETRY of the estimator type
-/// LIDAR ("unsupported") and takes it as VISION.
+/// LIDAR ("unsupported") and takes it as VISION. With a global origin but a heading of vision it says that its local position is global and yet
+/// publishes no global position: AUTO.LAND, its failsafes' too, then flies to 0 N 0 E. So it gets no origin.
 #include "link/flavour.hpp"
 #include "link/mavlink.hpp"
 
@@ -59,7 +60,7 @@ constexpr PreflightRow kPreflight[] = {
 
 }  // namespace
 
-const Flavour kPx4{"PX4", mode(kMainOffboard, 0), mode(kMainAuto, kSubLand), false, &name, false, kPreflight, MAV_ESTIMATOR_TYPE_VISION};
+const Flavour kPx4{"PX4", mode(kMainOffboard, 0), mode(kMainAuto, kSubLand), false, &name, false, kPreflight, false, MAV_ESTIMATOR_TYPE_VISION};
 
 const Flavour* flavour_of(const std::uint8_t mav_autopilot) {
     switch (mav_autopilot) {

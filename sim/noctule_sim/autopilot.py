@@ -18,6 +18,7 @@ from .vehicle import GRAVITY_M_S2, Airframe
 STREAM_GAP_S = 0.5            # setpoints must come at 2 Hz or more
 STREAM_WANTED_S = 1.5         # for so long before OFFBOARD is accepted
 OFFBOARD_LOSS_S = 1.0         # PX4: COM_OF_LOSS_T; then it holds
+RUN_OFF_M_S = 4.0             # PX4: of AUTO.LAND where a global origin was given but the heading is vision's
 OFFBOARD_LAND_S = 3.0         # PX4: and lands so long after the last setpoint
 GUIDED_TIMEOUT_S = 3.0        # ArduPilot: GUID_TIMEOUT
 ODOMETRY_ARM_S = 0.5          # arming wants ODOMETRY younger than this
@@ -92,6 +93,7 @@ class Autopilot:
         self.armed = False
         self.mode = Mode.hold if flavour == "px4" else Mode.manual
         self.landed = Landed.on_ground
+        self.origin_given = False
         self.battery = 1.0
         self.messages: list[tuple[Severity, str]] = []
         self.rotors = [0.0, 0.0, 0.0, 0.0]
@@ -282,6 +284,9 @@ class Autopilot:
         target.t_us = self.estimator.t_us
         if self.mode is Mode.land:
             target.vz = -BLIND_SINK_M_S if blind else -LAND_SPEED_M_S
+            if self.origin_given and self.flavour == "px4":    # it heads for 0 N 0 E: its position counts as global and is none
+                target.vx = max(-RUN_OFF_M_S, target.vx - RUN_OFF_M_S * dt_s)
+                target.x += target.vx * dt_s
             target.z = max(target.z + target.vz * dt_s, self.estimator.z - 0.6)
         return target, blind
 

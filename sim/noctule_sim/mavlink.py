@@ -255,6 +255,8 @@ class MavlinkLink:
                 height = message.param7 if kind == "COMMAND_LONG" else message.z
                 sender = (message.get_srcSystem(), message.get_srcComponent())
                 simulation.post(lambda: self._command(message.command, parameters, height, sender))
+        elif kind == "SET_GPS_GLOBAL_ORIGIN":
+            simulation.autopilot.origin_given = True
         elif kind == "SET_MODE":
             number = message.custom_mode
             main, sub = (number, 0) if self.flavour == "ardupilot" else (number >> 16 & 255, number >> 24 & 255)
@@ -328,7 +330,7 @@ class MavlinkLink:
         elif command == mav.MAV_CMD_REQUEST_MESSAGE and int(p[0]) == mav.MAVLINK_MSG_ID_AUTOPILOT_VERSION:
             capabilities = mav.MAV_PROTOCOL_CAPABILITY_MAVLINK2 | mav.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED
             self._outbox.append(mav.MAVLink_autopilot_version_message(capabilities, 0, 0, 0, 0, bytes(8), bytes(8), bytes(8), 0, 0, 1))
-        elif command not in (mav.MAV_CMD_SET_MESSAGE_INTERVAL, mav.MAV_CMD_DO_SET_HOME, 611):  # 611: DO_SET_GLOBAL_ORIGIN
+        elif command not in (mav.MAV_CMD_SET_MESSAGE_INTERVAL, mav.MAV_CMD_DO_SET_HOME):  # 611, DO_SET_GLOBAL_ORIGIN, is known to neither
             known = False
         result = mav.MAV_RESULT_UNSUPPORTED if not known else mav.MAV_RESULT_TEMPORARILY_REJECTED if refusal else mav.MAV_RESULT_ACCEPTED
         self._outbox.append(mav.MAVLink_command_ack_message(command, result, 0, 0, *sender))

@@ -112,6 +112,16 @@ def test_px4_lands_when_setpoints_stop():
     assert flight.simulation.outcome.name == "landed"
 
 
+def test_px4_with_a_global_origin_does_not_land_where_it_is():
+    def flown(origin):
+        flight = Flight(faults={"setpoint-cut": 10.0})
+        flight.simulation.autopilot.origin_given = origin
+        flight.run(18.0)
+        return np.hypot(*flight.true[-1, :2])
+
+    assert flown(False) < 0.2 and flown(True) > 2.0
+
+
 def test_ardupilot_holds_on_position_targets_and_stops_on_velocity_targets():
     still = Flight(flavour="ardupilot", faults={"setpoint-cut": 10.0}).run(20.0)
     assert still.heard("timed out") is None and still.true[-1, 2] == pytest.approx(1.0, abs=0.05)

@@ -139,6 +139,7 @@ static void scans_become_obstacles_at_ten_hertz() {
 
 static void an_origin_is_given_and_verified_and_one_that_is_there_stays() {
     static Scene s;
+    s.autopilot_type = MAV_AUTOPILOT_ARDUPILOTMEGA;
     s.run(4.0);
     const auto set = all(s.out.autopilot, MAVLINK_MSG_ID_COMMAND_INT, mavlink_msg_command_int_decode);
     TEST_ASSERT_GREATER_OR_EQUAL_size_t(1, set.size());
@@ -154,14 +155,33 @@ static void an_origin_is_given_and_verified_and_one_that_is_there_stays() {
     s.run(10.0);
     TEST_ASSERT_EQUAL_size_t(set.size(), Scene::count(s.out.autopilot, MAVLINK_MSG_ID_COMMAND_INT));
     static Scene has_one;
+    has_one.autopilot_type = MAV_AUTOPILOT_ARDUPILOTMEGA;
     has_one.run(1.0);
     has_one.from_autopilot(mavlink_msg_gps_global_origin_encode_status, told);
     has_one.run(20.0);
     TEST_ASSERT_EQUAL_size_t(0, Scene::count(has_one.out.autopilot, MAVLINK_MSG_ID_COMMAND_INT));
     static Scene deaf;
+    deaf.autopilot_type = MAV_AUTOPILOT_ARDUPILOTMEGA;
     deaf.run(40.0);
     TEST_ASSERT_TRUE(deaf.said("global origin not confirmed"));
     TEST_ASSERT_GREATER_OR_EQUAL_size_t(3, Scene::count(deaf.out.autopilot, MAVLINK_MSG_ID_SET_GPS_GLOBAL_ORIGIN));
+}
+
+static void px4_gets_no_origin_and_does_not_start_with_one_that_it_makes_nothing_of() {
+    static Scene s;
+    s.run(40.0);
+    TEST_ASSERT_EQUAL_size_t(0, Scene::count(s.out.autopilot, MAVLINK_MSG_ID_COMMAND_INT));
+    TEST_ASSERT_EQUAL_size_t(0, Scene::count(s.out.autopilot, MAVLINK_MSG_ID_SET_GPS_GLOBAL_ORIGIN));
+    TEST_ASSERT_FALSE(s.said("origin"));
+    mavlink_gps_global_origin_t told{};
+    told.latitude = 473974000;
+    s.from_autopilot(mavlink_msg_gps_global_origin_encode_status, told);  // somebody else gave it one
+    s.ask(MAV_CMD_MISSION_START);
+    TEST_ASSERT_TRUE(s.said("global origin, no global position"));
+    TEST_ASSERT_EQUAL_INT(MAV_RESULT_DENIED, s.results(MAV_CMD_MISSION_START).at(0));
+    s.from_autopilot(mavlink_msg_global_position_int_encode_status, mavlink_global_position_int_t{});  // it knows where it is
+    s.ask(MAV_CMD_MISSION_START);
+    TEST_ASSERT_EQUAL_INT(MAV_RESULT_ACCEPTED, s.results(MAV_CMD_MISSION_START).at(1));
 }
 
 static void two_autopilots_refuse_the_start_until_one_is_chosen() {
@@ -421,6 +441,7 @@ int main() {
     RUN_TEST(an_obstacle_stands_in_the_sector_where_it_is);
     RUN_TEST(scans_become_obstacles_at_ten_hertz);
     RUN_TEST(an_origin_is_given_and_verified_and_one_that_is_there_stays);
+    RUN_TEST(px4_gets_no_origin_and_does_not_start_with_one_that_it_makes_nothing_of);
     RUN_TEST(two_autopilots_refuse_the_start_until_one_is_chosen);
     RUN_TEST(an_estimator_without_a_position_refuses_the_start);
     RUN_TEST(ardupilots_estimator_report_is_read_though_it_is_of_another_dialect);
