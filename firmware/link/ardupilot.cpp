@@ -37,6 +37,7 @@ constexpr PreflightRow kPreflight[] = {
     {"EK3_SRC1_POSZ", 6.0F, 6.0F, 0, "6: vision"},
     {"EK3_SRC1_VELZ", 6.0F, 6.0F, 0, "6: vision"},
     {"EK3_SRC1_YAW", 6.0F, 6.0F, 0, "6: vision"},
+    {"BARO_FIELD_ELV", 0.1F, 9000.0F, 0, "the site's altitude, not 0: height counts twice"},
     {"COMPASS_ENABLE", 0.0F, 0.0F, 0, "0: no compass indoors"},
     {"WP_YAW_BEHAVIOR", 0.0F, 0.0F, 0, "0: yaw is ours"},
 };
