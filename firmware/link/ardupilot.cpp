@@ -1,5 +1,6 @@
 /// ArduCopter: GUIDED follows setpoints in the air only; on the ground it waits for MAV_CMD_NAV_TAKEOFF. Position with velocity lets its
-/// own time-out act (position alone never times out). Arming may be refused for long while its filter settles: it is asked again.
+/// own time-out act (position alone never times out). On getting its global origin it takes its present height for zero, and vision then adds that height
+/// again, unless its field elevation was set before. Arming may be refused for long while its filter settles: it is asked again.
 #include "link/flavour.hpp"
 #include "link/mavlink.hpp"
 
@@ -37,13 +38,12 @@ constexpr PreflightRow kPreflight[] = {
     {"EK3_SRC1_POSZ", 6.0F, 6.0F, 0, "6: vision"},
     {"EK3_SRC1_VELZ", 6.0F, 6.0F, 0, "6: vision"},
     {"EK3_SRC1_YAW", 6.0F, 6.0F, 0, "6: vision"},
-    {"BARO_FIELD_ELV", 0.1F, 9000.0F, 0, "the site's altitude, not 0: height counts twice"},
     {"COMPASS_ENABLE", 0.0F, 0.0F, 0, "0: no compass indoors"},
     {"WP_YAW_BEHAVIOR", 0.0F, 0.0F, 0, "0: yaw is ours"},
 };
 
 }  // namespace
 
-const Flavour kArdupilot{"ArduPilot", mode(kGuided), mode(kLand), true, &name, true, kPreflight, true, MAV_ESTIMATOR_TYPE_LIDAR};
+const Flavour kArdupilot{"ArduPilot", mode(kGuided), mode(kLand), true, &name, true, kPreflight, "BARO_FIELD_ELV", true, MAV_ESTIMATOR_TYPE_LIDAR};
 
 }  // namespace noctule

@@ -348,6 +348,7 @@ void Bridge::forget_autopilot_clock(const std::int64_t t_us) {
     next_ground_imu_us_ = 0;
     next_ground_odometry_us_ = 0;
     next_hold_us_ = 0;
+    sent_us_ = -1;
     last_text_us_ = -1;
     supervisor_.clock_restarted();
 }

@@ -200,6 +200,7 @@ private:
     void send_mode(const FlightMode& mode);
     void send_command(std::uint16_t command, const std::array<float, 7>& params);
     void send_setpoint(const Setpoint& setpoint, std::int64_t t_us);
+    [[nodiscard]] bool acceleration_of(const Setpoint& setpoint, std::int64_t t_us, Acceleration& out) const;
     void send_heartbeat();
     void send_progress();
     void publish_vehicle();
@@ -278,6 +279,8 @@ private:
     std::int64_t next_second_us_ = 0;
     std::int64_t next_vehicle_us_ = 0;
     std::int64_t next_hold_us_ = 0;
+    Setpoint sent_;                        ///< the last setpoint
+    std::int64_t sent_us_ = -1;            ///< and its stamp
     std::int64_t next_ground_imu_us_ = 0;
     std::int64_t next_ground_odometry_us_ = 0;
     std::int64_t next_streams_us_ = 0;

@@ -17,6 +17,7 @@ constexpr std::int64_t kSecond_us = 1000000;
 constexpr std::int64_t kNavFault_us = 2 * kSecond_us;        // nav silent for so long: the companion is faulted, its heartbeat stops
 constexpr std::int64_t kVehiclePeriod_us = kSecond_us / 5;   // streams.toml, VEHICLE
 constexpr std::int64_t kStreamsPeriod_us = 5 * kSecond_us;
+constexpr std::int64_t kAccelerationWithin_us = 200000;      // setpoints farther apart tell no acceleration
 constexpr std::int64_t kLocalFresh_us = kSecond_us / 2;
 constexpr std::int64_t kRepeatedText_us = 5 * kSecond_us;
 constexpr float kBelowFloor_m = 0.2F;                        // a setpoint so far below the vehicle cannot be followed: the floor is there
@@ -96,8 +97,25 @@ void Bridge::send_command(const std::uint16_t command, const std::array<float, 7
     send_autopilot(mavlink_msg_command_long_encode_status, out);
 }
 
+/// What the setpoint's velocity changed by since the last one: autopilots turn a change of velocity alone into thrust too late. A jump is no
+/// acceleration: it is cut to the limit that the setpoints are made with. False: there is no last one to compare with.
+bool Bridge::acceleration_of(const Setpoint& setpoint, const std::int64_t t_us, Acceleration& out) const {
+    const std::int64_t dt_us = t_us - sent_us_;
+    if (sent_us_ < 0 || dt_us <= 0 || dt_us > kAccelerationWithin_us) { return false; }
+    const float scale = 1.0F / (static_cast<float>(dt_us) * 1e-6F);
+    out = {scale * (setpoint.vx_m_s - sent_.vx_m_s), scale * (setpoint.vy_m_s - sent_.vy_m_s), scale * (setpoint.vz_m_s - sent_.vz_m_s)};
+    const float size = std::hypot(out.x_m_s2, out.y_m_s2, out.z_m_s2);
+    const float cut = size > p_.accel_max_m_s2 ? p_.accel_max_m_s2 / size : 1.0F;
+    out = {cut * out.x_m_s2, cut * out.y_m_s2, cut * out.z_m_s2};
+    return true;
+}
+
 void Bridge::send_setpoint(const Setpoint& setpoint, const std::int64_t t_us) {
-    send_autopilot(mavlink_msg_set_position_target_local_ned_encode_status, to_set_position_target(setpoint, t_us, autopilot()));
+    Acceleration acceleration;
+    const bool known = acceleration_of(setpoint, t_us, acceleration);
+    sent_ = setpoint;
+    sent_us_ = t_us;
+    send_autopilot(mavlink_msg_set_position_target_local_ned_encode_status, to_set_position_target(setpoint, t_us, autopilot(), known ? &acceleration : nullptr));
     ++counters_.setpoints_sent;
 }
 

@@ -14,6 +14,7 @@ constexpr std::int64_t kSecond_us = 1000000;
 constexpr std::int64_t kObstaclePeriod_us = 100000;
 constexpr std::int64_t kOriginAgain_us = 2 * kSecond_us;
 constexpr int kOriginTries = 10;
+constexpr float kNoElevation_m = 0.5F;      // 0 counts as unknown
 constexpr std::int64_t kGlobalFresh_us = 3 * kSecond_us;
 constexpr double kE7PerRadian = 180.0 / 3.14159265358979323846 * 1e7;
 constexpr float kDrainSeen = 0.02F;         // share of the battery that must be gone before its drain is believed
@@ -103,10 +104,19 @@ void Bridge::step_origin() {
         if (gives) { text(MAV_SEVERITY_NOTICE, "global origin not confirmed: no place on the map"); }
         return;
     }
-    if (origin_tries_ > 1 && gives) {  // the first time it is only asked: an origin that is there stays
+    // The first time it is only asked: an origin that is there stays. The second prepares for it.
+    if (origin_tries_ == 2 && gives && flavour_->elevation_parameter != nullptr) {
+        mavlink_param_set_t out{};
+        out.target_system = autopilot().system;
+        out.target_component = autopilot().component;
+        std::memcpy(out.param_id, flavour_->elevation_parameter, strnlen(flavour_->elevation_parameter, sizeof out.param_id));
+        out.param_type = MAV_PARAM_TYPE_REAL32;
+        out.param_value = p_.link_origin_altitude_m != 0.0F ? p_.link_origin_altitude_m : kNoElevation_m;
+        send_autopilot(mavlink_msg_param_set_encode_status, out);
+    } else if (origin_tries_ > 1 && gives) {
         const auto latitude = static_cast<std::int32_t>(std::lround(static_cast<double>(p_.link_origin_latitude_rad) * kE7PerRadian));
         const auto longitude = static_cast<std::int32_t>(std::lround(static_cast<double>(p_.link_origin_longitude_rad) * kE7PerRadian));
-        if (origin_tries_ % 2 == 0) {
+        if (origin_tries_ % 2 == 1) {
             mavlink_command_int_t out{};
             out.target_system = autopilot().system;
             out.target_component = autopilot().component;

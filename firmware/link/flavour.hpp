@@ -34,6 +34,7 @@ struct Flavour {
     const char* (*mode_name)(std::uint32_t custom_mode);
     bool cast_integers;         ///< PARAM values of whole numbers are cast to float (else their bytes are copied)
     std::span<const PreflightRow> preflight;
+    const char* elevation_parameter;  ///< to be set to the origin's altitude before the origin is given; null: none
     bool origin_serves;         ///< a global origin gives it a global position; else its own landing mode flies off to 0 N 0 E once it has one
     std::uint8_t odometry_estimator;  ///< MAV_ESTIMATOR_TYPE under which it takes our ODOMETRY
 };

@@ -15,6 +15,7 @@ constexpr float kGravity_m_s2 = 9.80665F;
 constexpr float kMilli = 1e-3F;
 constexpr float kCentimetres_m = 100.0F;
 constexpr std::uint16_t kPositionVelocityYawMask = 0x09C0;  // ignores acceleration and yaw rate
+constexpr std::uint16_t kWithAccelerationMask = 0x0800;     // ignores the yaw rate
 constexpr std::uint16_t kAccelGyroUpdated = 0x003F;         // three accelerometer and three gyroscope bits
 constexpr std::uint16_t kPressureUpdated = 0x0200;
 constexpr std::uint16_t kPressureAltUpdated = 0x0800;
@@ -318,13 +319,19 @@ std::int8_t battery_to_percent(const float remaining) {
     return static_cast<std::int8_t>(std::lround(std::min(remaining, 1.0F) * kPercent));
 }
 
-mavlink_set_position_target_local_ned_t to_set_position_target(const Setpoint& in, const std::int64_t t_us, const MavlinkTarget target) {
+mavlink_set_position_target_local_ned_t to_set_position_target(const Setpoint& in, const std::int64_t t_us, const MavlinkTarget target, const Acceleration* const acceleration) {
     mavlink_set_position_target_local_ned_t out{};
     out.time_boot_ms = to_boot_ms(t_us);
     out.target_system = target.system;
     out.target_component = target.component;
     out.coordinate_frame = MAV_FRAME_LOCAL_NED;
     out.type_mask = kPositionVelocityYawMask;
+    if (acceleration != nullptr) {
+        out.type_mask = kWithAccelerationMask;
+        out.afx = acceleration->x_m_s2;
+        out.afy = -acceleration->y_m_s2;
+        out.afz = -acceleration->z_m_s2;
+    }
     out.x = in.x_m;
     out.y = -in.y_m;
     out.z = -in.z_m;
@@ -336,7 +343,7 @@ mavlink_set_position_target_local_ned_t to_set_position_target(const Setpoint& i
 }
 
 bool from_mavlink(const mavlink_set_position_target_local_ned_t& in, Setpoint& out) {
-    if (in.coordinate_frame != MAV_FRAME_LOCAL_NED || in.type_mask != kPositionVelocityYawMask) { return false; }
+    if (in.coordinate_frame != MAV_FRAME_LOCAL_NED || (in.type_mask != kPositionVelocityYawMask && in.type_mask != kWithAccelerationMask)) { return false; }
     if (!finite({in.x, in.y, in.z}) || !finite({in.vx, in.vy, in.vz}) || !std::isfinite(in.yaw)) { return false; }
     out = {true, in.x, -in.y, -in.z, in.vx, -in.vy, -in.vz, wrap_angle(-in.yaw)};
     return true;

@@ -83,9 +83,16 @@ enum class RangeDirection : std::uint8_t { up, down, other };
 [[nodiscard]] float battery_from_percent(std::int8_t percent);
 [[nodiscard]] std::int8_t battery_to_percent(float remaining);
 
-/// SET_POSITION_TARGET_LOCAL_NED with position, velocity and yaw (mask 0x09C0), frame MAV_FRAME_LOCAL_NED.
+/// Acceleration in Map.
+struct Acceleration {
+    float x_m_s2 = 0.0F;
+    float y_m_s2 = 0.0F;
+    float z_m_s2 = 0.0F;
+};
+
+/// SET_POSITION_TARGET_LOCAL_NED with position, velocity and yaw, frame MAV_FRAME_LOCAL_NED: mask 0x09C0, with an acceleration 0x0800.
 /// from_mavlink is false for any other frame or mask.
-[[nodiscard]] mavlink_set_position_target_local_ned_t to_set_position_target(const Setpoint& in, std::int64_t t_us, MavlinkTarget target);
+[[nodiscard]] mavlink_set_position_target_local_ned_t to_set_position_target(const Setpoint& in, std::int64_t t_us, MavlinkTarget target, const Acceleration* acceleration = nullptr);
 [[nodiscard]] bool from_mavlink(const mavlink_set_position_target_local_ned_t& in, Setpoint& out);
 
 /// ODOMETRY: pose in MAV_FRAME_LOCAL_FRD, velocity in MAV_FRAME_BODY_FRD, covariances of both, quality, reset counter.

@@ -27,7 +27,7 @@ def test_a_ground_station_starts_follows_and_ends_a_mission(tmp_path):
         peers.run(2.0)
         sent = setpoints(peers)
         assert abs(len(sent) - before - 40) <= 1
-        assert (sent[-1].type_mask, sent[-1].coordinate_frame, sent[-1].target_system) == (0x09C0, mavlink.MAV_FRAME_LOCAL_NED, SYSTEM)
+        assert (sent[-1].type_mask, sent[-1].coordinate_frame, sent[-1].target_system) == (0x0800, mavlink.MAV_FRAME_LOCAL_NED, SYSTEM)
         assert (sent[-1].y, sent[-1].z, round(sent[-1].yaw, 5)) == (-0.5, -1.25, -1.0)
         odometry = Peers.of(peers.at_autopilot, "ODOMETRY")[-1]
         assert (odometry.frame_id, odometry.child_frame_id) == (mavlink.MAV_FRAME_LOCAL_FRD, mavlink.MAV_FRAME_BODY_FRD)

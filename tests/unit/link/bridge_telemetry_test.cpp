@@ -140,7 +140,13 @@ static void scans_become_obstacles_at_ten_hertz() {
 static void an_origin_is_given_and_verified_and_one_that_is_there_stays() {
     static Scene s;
     s.autopilot_type = MAV_AUTOPILOT_ARDUPILOTMEGA;
-    s.run(4.0);
+    s.run(3.5);
+    const auto before = all(s.out.autopilot, MAVLINK_MSG_ID_PARAM_SET, mavlink_msg_param_set_decode);
+    TEST_ASSERT_EQUAL_size_t(1, before.size());  // else it would count its rest height twice
+    TEST_ASSERT_EQUAL_STRING("BARO_FIELD_ELV", before[0].param_id);
+    TEST_ASSERT_EQUAL_FLOAT(488.0F, before[0].param_value);
+    TEST_ASSERT_EQUAL_size_t(0, Scene::count(s.out.autopilot, MAVLINK_MSG_ID_COMMAND_INT) + Scene::count(s.out.autopilot, MAVLINK_MSG_ID_SET_GPS_GLOBAL_ORIGIN));
+    s.run(2.5);
     const auto set = all(s.out.autopilot, MAVLINK_MSG_ID_COMMAND_INT, mavlink_msg_command_int_decode);
     TEST_ASSERT_GREATER_OR_EQUAL_size_t(1, set.size());
     TEST_ASSERT_EQUAL_UINT16(611, set[0].command);
@@ -170,6 +176,7 @@ static void an_origin_is_given_and_verified_and_one_that_is_there_stays() {
 static void px4_gets_no_origin_and_does_not_start_with_one_that_it_makes_nothing_of() {
     static Scene s;
     s.run(40.0);
+    TEST_ASSERT_EQUAL_size_t(0, Scene::count(s.out.autopilot, MAVLINK_MSG_ID_PARAM_SET));
     TEST_ASSERT_EQUAL_size_t(0, Scene::count(s.out.autopilot, MAVLINK_MSG_ID_COMMAND_INT));
     TEST_ASSERT_EQUAL_size_t(0, Scene::count(s.out.autopilot, MAVLINK_MSG_ID_SET_GPS_GLOBAL_ORIGIN));
     TEST_ASSERT_FALSE(s.said("origin"));

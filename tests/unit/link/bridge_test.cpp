@@ -459,6 +459,33 @@ static void an_autopilot_that_only_beats_is_asked_for_everything() {
     TEST_ASSERT_EQUAL_size_t(24, s.commands(MAV_CMD_SET_MESSAGE_INTERVAL).size());  // eight streams, once a second
 }
 
+static void setpoints_carry_their_acceleration_and_a_jump_is_none() {
+    static Scene s;
+    s.fly();
+    const auto sent = [] {
+        std::vector<mavlink_set_position_target_local_ned_t> found;
+        for (const mavlink_message_t& m : s.out.autopilot) {
+            if (m.msgid != MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED) { continue; }
+            found.emplace_back();
+            mavlink_msg_set_position_target_local_ned_decode(&m, &found.back());
+        }
+        return found;
+    };
+    TEST_ASSERT_EQUAL_HEX16(0x09C0, sent().front().type_mask);  // nothing to compare the first with
+    s.nav.setpoint_vx_m_s = 0.03F;
+    s.nav.setpoint_vy_m_s = -0.02F;
+    s.nav.setpoint_vz_m_s = 0.01F;
+    s.run(0.05);
+    const auto m = sent().back();
+    TEST_ASSERT_EQUAL_HEX16(0x0800, m.type_mask);
+    TEST_ASSERT_FLOAT_WITHIN(1e-4F, 0.6F, m.afx);   // in 50 ms; north-east-down against forward-left-up
+    TEST_ASSERT_FLOAT_WITHIN(1e-4F, 0.4F, m.afy);
+    TEST_ASSERT_FLOAT_WITHIN(1e-4F, -0.2F, m.afz);
+    s.nav.setpoint_vx_m_s = 0.8F;
+    s.run(0.05);
+    TEST_ASSERT_FLOAT_WITHIN(1e-3F, s.parameters.accel_max_m_s2, std::hypot(sent().back().afx, sent().back().afy, sent().back().afz));
+}
+
 static void texts_do_not_flood_the_link() {
     static Scene s;
     s.fly();
@@ -496,6 +523,7 @@ int main() {
     RUN_TEST(the_coarser_pressure_serves_while_the_better_is_silent_and_is_asked_for_when_wanted);
     RUN_TEST(what_the_autopilot_does_not_send_is_asked_for);
     RUN_TEST(an_autopilot_that_only_beats_is_asked_for_everything);
+    RUN_TEST(setpoints_carry_their_acceleration_and_a_jump_is_none);
     RUN_TEST(texts_do_not_flood_the_link);
     return UNITY_END();
 }
