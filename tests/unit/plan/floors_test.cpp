@@ -51,8 +51,12 @@ struct Flight {
         return false;
     }
     void until_landed(const double most_s) {
-        while (loop.time_s() < most_s && loop.mission.state() != MissionState::landed && loop.mission.state() != MissionState::aborted) { loop.step(); }
+        while (loop.time_s() < most_s && loop.mission.state() != MissionState::landed && loop.mission.state() != MissionState::aborted) {
+            loop.step();
+            if (loop.mission.state() == MissionState::changing_floor) { slowest_us = std::max(slowest_us, loop.plan_us); }
+        }
     }
+    double slowest_us = 0.0;   ///< processor time of a step on the way to another floor (told, never judged)
 };
 
 void openings_are_found_wherever_they_are() {
@@ -70,7 +74,7 @@ void both_floors_are_explored_and_it_lands_at_home() {
     TEST_ASSERT_TRUE(flight->until_shift());
     flight->until_landed(900.0);
     const FloorPlanner& floors = flight->loop.mission.floors();
-    std::printf("  %.0f s, %.0f m\n", flight->loop.time_s(), flight->loop.length);
+    std::printf("  %.0f s, %.0f m; slowest step while changing floors %.1f ms\n", flight->loop.time_s(), flight->loop.length, 1e-3 * flight->slowest_us);
     TEST_ASSERT_TRUE(flight->loop.mission.state() == MissionState::landed);
     TEST_ASSERT_TRUE(flight->loop.mission.reason() == StateReason::on_ground);
     TEST_ASSERT_EQUAL_UINT32(2U, floors.floors().size());
