@@ -132,8 +132,11 @@ bool FloorPlanner::wants_search() const {
            floor.searched_s < (up || down ? p_.floor_search_linked_s : p_.floor_search_s);
 }
 
+// Where the search is flown to its end one pass is the shortest way; where it has little time the widest openings come first.
 float FloorPlanner::width_m(const std::int32_t pass) const {
-    return std::max(p_.floor_search_gap_m * std::pow(kNarrower, static_cast<float>(pass)), std::min(p_.floor_search_fine_m, p_.floor_search_gap_m));
+    const float least_m = std::min(p_.floor_search_fine_m, p_.floor_search_gap_m);
+    if (pass > 0 && !linked(true) && !linked(false)) { return least_m; }
+    return std::max(p_.floor_search_gap_m * std::pow(kNarrower, static_cast<float>(pass)), least_m);
 }
 
 const Soundings* FloorPlanner::while_exploring() {

@@ -43,7 +43,7 @@ struct Floor {
     float seen_x_m = 0.0F;       ///< place beyond by which that opening was found
     float seen_y_m = 0.0F;
     float searched_s = 0.0F;     ///< time spent in search of openings after its exploration
-    std::int32_t pass = 0;       ///< of that search: each looks for narrower openings
+    std::int32_t pass = 1;       ///< of that search: each looks for narrower openings; the exploration is pass 0
     bool searched = false;       ///< it is over
 };
 
