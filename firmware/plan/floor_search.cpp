@@ -11,9 +11,11 @@ namespace noctule {
 
 namespace {
 
-constexpr std::uint32_t kLeastVotes = 8;      ///< places that make a cluster
+constexpr std::uint32_t kLeastVotes = 8;      ///< places that make a cluster of what lies below
+constexpr std::uint32_t kLeastOver = 3;       ///< the same over the vehicle: a way along an opening's edge shows few, and a look round tells
 constexpr std::size_t kMostBeyond = 1024;     ///< places beyond looked at in one search; more are left out
-constexpr std::int32_t kLeastBeside = 4;      ///< a place beyond counts with so many of its like round it
+constexpr std::int32_t kLeastBeside = 4;      ///< a place beyond, below the vehicle, counts with so many of its like round it
+constexpr std::int32_t kLeastBesideOver = 2;  ///< the same over the vehicle
 constexpr float kBesideM = 0.45F;
 constexpr float kJudgedM = 1.2F;              ///< round an opening that was judged
 constexpr float kBandM = 0.4F;                ///< of the ground below an opening
@@ -76,7 +78,7 @@ FloorPlanner::Seed FloorPlanner::find_opening(const OccupancyGrid& grid, const P
         if (of_this(v)) { histogram.add(up ? v.z_m - elevation_m : elevation_m - v.z_m); }
     }
     if (up) {
-        const FloorModes modes = find_modes(histogram, p_.floor_mode_step_m, kLeastVotes);
+        const FloorModes modes = find_modes(histogram, p_.floor_mode_step_m, kLeastOver);
         if (!modes.two) { return seed; }
         seed.beyond = {elevation_m + modes.split_m, std::numeric_limits<float>::max()};
         seed.slab_m = elevation_m + modes.near_m;
@@ -98,7 +100,7 @@ FloorPlanner::Seed FloorPlanner::find_opening(const OccupancyGrid& grid, const P
         if (way >= best) { continue; }
         std::int32_t beside = 0;
         for (const Spot& o : beyond) { beside += std::hypot(o.x_m - s.x_m, o.y_m - s.y_m) < kBesideM ? 1 : 0; }
-        if (beside <= kLeastBeside || was_judged(grid, up, s.x_m, s.y_m)) { continue; }
+        if (beside <= (up ? kLeastBesideOver : kLeastBeside) || was_judged(grid, up, s.x_m, s.y_m)) { continue; }
         best = way;
         seed.valid = true;
         seed.x_m = seed.seen_x_m = s.x_m;
@@ -132,10 +134,10 @@ bool FloorPlanner::wants_search() const {
            floor.searched_s < (up || down ? p_.floor_search_linked_s : p_.floor_search_s);
 }
 
-// Where the search is flown to its end one pass is the shortest way; where it has little time the widest openings come first.
+// Where the search is flown to its end few passes are the shortest way; where it has little time the widest openings come first.
 float FloorPlanner::width_m(const std::int32_t pass) const {
     const float least_m = std::min(p_.floor_search_fine_m, p_.floor_search_gap_m);
-    if (pass > 0 && !linked(true) && !linked(false)) { return least_m; }
+    if (pass > 1 && !linked(true) && !linked(false)) { return least_m; }
     return std::max(p_.floor_search_gap_m * std::pow(kNarrower, static_cast<float>(pass)), least_m);
 }
 

@@ -9,7 +9,7 @@ namespace noctule {
 namespace {
 
 constexpr float kStepM = 0.05F;
-constexpr float kSideRoomM = 0.10F;     ///< from hull to the nearest hit, at least, where an opening is gone through (plan/opening)
+constexpr float kSideRoomM = 0.30F;     ///< from hull to the nearest hit, at least: beside stairs the tread before the first that the laser sees is in the hull's way
 constexpr float kPatchPerRadius = 1.8F; ///< edge of a patch: a straight way through its middle passes all of it
 constexpr float kLeastShare = 0.15F;    ///< of a patch, a metre of the radius wanted; less than that is not worth a flight
 constexpr std::uint8_t kNearCm = 70;
