@@ -186,7 +186,7 @@ void Traversability::update(const OccupancyGrid& grid, const float x_m, const fl
     }
 }
 
-// A gap's middle seldom lies on a cell's centre: where the hull hardly does not fit there, the roomiest point of the cell counts.
+// A gap's middle seldom lies on a cell's centre: where the hull just does not fit there, the roomiest point of the cell counts.
 float Traversability::roomiest_m(const OccupancyGrid& grid, const float x_m, const float y_m, const float centre_m) const {
     const float need_m = 0.01F * static_cast<float>(need_cm_);
     const float cell_m = grid.geometry().cell_m();
