@@ -194,6 +194,36 @@ void noctule_explore_step(noctule_explore* self, const noctule_explore_in* in, n
     out->path_points = static_cast<std::int32_t>(target.path.size());
 }
 
+/// Processor time [ms] of one whole plan over the map at hand: field from the known place that is dearest to reach back to the map's origin, the
+/// potential's window relaxed once, and the path. cells: settled. Negative: nothing has been mapped.
+double noctule_explore_plan_ms(const noctule_explore* self, std::int32_t* cells) {
+    using namespace noctule;
+    if (!self->stages) { return -1.0; }
+    const OccupancyGrid& grid = self->stages->grid;
+    const Traversability& where = self->stages->mission.explorer().where();
+    const auto open = std::make_unique<OpenCells>();
+    const auto field = std::make_unique<CostField>();
+    const auto potential = std::make_unique<Potential>(self->parameters);
+    const auto path = std::make_unique<Bounded<PathPoint, kMaxPathPoints>>();
+    constexpr std::int32_t kAll = 1 << 30;
+    const CellId here = root_near(grid, where, 0.0F, 0.0F);
+    field->start(grid, here, 0, *open);
+    static_cast<void>(field->run(grid, where, *open, kAll, kNoCell, 0));
+    CellId goal = kNoCell;
+    for (CellId id = 0; id < grid.tile_count() * kTileArea; ++id) {
+        if (where.passable(id) && field->cost(id) != CostField::kFar && (goal == kNoCell || field->cost(id) > field->cost(goal))) { goal = id; }
+    }
+    if (goal == kNoCell) { return -1.0; }
+    const Cell c = grid.cell(goal);
+    const std::int64_t began_ns = thread_ns();
+    field->start(grid, goal, 0, *open);
+    static_cast<void>(field->run(grid, where, *open, kAll, kNoCell, 0));
+    potential->relax(grid, where, *field, 0.0F, 0.0F, 2);
+    static_cast<void>(potential->trace(grid, where, *field, 0.0F, 0.0F, grid.geometry().centre_x_m(c), grid.geometry().centre_y_m(c), *path));
+    *cells = field->settled();
+    return path->size() > 1U ? 1e-6 * static_cast<double>(thread_ns() - began_ns) : -1.0;
+}
+
 int noctule_explore_tile_count(const noctule_explore* self) { return self->stages ? self->stages->grid.tile_count() : 0; }
 
 void noctule_explore_tile_at(const noctule_explore* self, const int slot, noctule_explore_tile* out) {

@@ -89,7 +89,7 @@ def explored(name: str, source: str, seed: int, policy: str, fresh: bool = False
             "time_to_95_s": r.time_to_s[0.95], "time_to_99_s": r.time_to_s[0.99], "path_to_99_m": r.path_to_m[0.99],
             "exploring_s": r.exploring_s, "exploring_path_m": r.exploring_path_m, "time_s": r.time_s, "path_m": r.path_m,
             "least_clearance_m": r.least_clearance_m, "goals": r.goals, "switches": r.switches, "back_and_forth": r.back_and_forth,
-            "stuck": r.stuck, "in_vain": r.in_vain, "plan_ms": r.plan_ms, "reason": r.reason, "unknown_share": r.unknown_share,
+            "stuck": r.stuck, "in_vain": r.in_vain, "plan_ms": r.plan_ms, "whole_plan_ms": r.whole_plan_ms, "whole_plan_cells": r.whole_plan_cells, "reason": r.reason, "unknown_share": r.unknown_share,
             "track": np.round(r.track, 2).tolist()}
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_suffix(".part")
@@ -292,6 +292,16 @@ def rows_of(results: list[dict], clairvoyant: dict[str, float]) -> list[dict]:
     return rows
 
 
+def plan_rows(results: list[dict]) -> list[dict]:
+    """One whole plan over an explored map, from the place that is dearest to reach: maze_a (15 x 15 m) and the slowest world."""
+    rows = []
+    for label, mine in (("maze_a, 150 x 150 cells", [r for r in results if r["world"] == "maze_a"]), ("the slowest world", results)):
+        if mine:
+            slowest = max(mine, key=lambda r: r["whole_plan_ms"])
+            rows.append(row(f"one whole plan, {label}", slowest["whole_plan_ms"], f"ms, {slowest['world']}, {slowest['whole_plan_cells']} cells reached", "60 s", "<= 10", "<= 2"))
+    return rows
+
+
 def paper_rows(result: dict) -> list[dict]:
     """maze_a with the paper's policy and preset."""
     label = "maze_a, paper's policy and preset"
@@ -313,4 +323,4 @@ def bench_exploration(quick: bool, fresh: bool) -> list[dict]:
     picture = FOLDER / "exploration" / "paths.png"
     draw_paths(results, picture, seeds[0])
     print(f"paths: {picture}", flush=True)
-    return rows_of(results, clairvoyant) + paper_rows(paper)
+    return rows_of(results, clairvoyant) + plan_rows(results) + paper_rows(paper)

@@ -81,6 +81,8 @@ class Exploration:
     unknown_share: float = 1.0                         # the paper's policy: known free cells that were never in its window
     reason: int = 0
     plan_ms: tuple = ()                                # p50, p99, greatest, processor time
+    whole_plan_ms: float = -1.0                        # one plan over the whole map at the end, processor time
+    whole_plan_cells: int = 0                          # settled by it
     track: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))  # (N, 3) t, x, y, frame World, every half second
     goal_track: list = field(default_factory=list)
     speed_m_s: np.ndarray = field(default_factory=lambda: np.zeros(0))
@@ -92,6 +94,8 @@ def _load():
     abi.noctule_explore_destroy.argtypes = [ctypes.c_void_p]
     abi.noctule_explore_set_parameter.argtypes = [ctypes.c_void_p, ctypes.c_char_p, ctypes.c_double]
     abi.noctule_explore_step.argtypes = [ctypes.c_void_p, ctypes.POINTER(_In), ctypes.POINTER(_Out)]
+    abi.noctule_explore_plan_ms.argtypes = [ctypes.c_void_p, ctypes.POINTER(ctypes.c_int32)]
+    abi.noctule_explore_plan_ms.restype = ctypes.c_double
     abi.noctule_explore_tile_count.argtypes = [ctypes.c_void_p]
     abi.noctule_explore_tile_at.argtypes = [ctypes.c_void_p, ctypes.c_int, ctypes.POINTER(_Tile)]
     return abi
@@ -179,6 +183,9 @@ def explore(world, seed: int, parameters: dict[str, float], max_time_s: float = 
             watch(t_s - began_s, state, out)
         if out.state in (LANDED, ABORTED):
             break
+    cells = ctypes.c_int32()
+    result.whole_plan_ms = abi.noctule_explore_plan_ms(handle, ctypes.byref(cells))
+    result.whole_plan_cells = cells.value
     abi.noctule_explore_destroy(handle)
     result.completed = out.state == LANDED and out.reason == 11
     result.reason = out.reason
