@@ -49,14 +49,14 @@ inline constexpr std::size_t kMaxTouchedTiles = by_profile(128, 64, 24);  ///< t
 inline constexpr std::size_t kMaxFieldTiles = by_profile(320, 128, 8);  ///< tiles of one floor with costs of the way; what lies beyond is not reachable
 inline constexpr std::size_t kTileDirectory = by_profile(2048, 1024, 32);  ///< entries of the tile directory, a power of two over twice kMaxTiles
 inline constexpr std::size_t kMaxOpenCells = by_profile(131072, 32768, 2048);  ///< open entries of one search over the grid; a further one is dropped
-inline constexpr std::size_t kMaxFrontierCells = by_profile(32768, 8192, 1024);  ///< cells at the edge of the unknown in one pass; later ones wait for the next
+inline constexpr std::size_t kMaxFrontierCells = by_profile(32768, 8192, 512);  ///< cells at the edge of the unknown in one pass; later ones wait for the next
 inline constexpr std::size_t kMaxFrontiers = by_profile(128, 64, 32);  ///< groups of them in one pass; the smallest gives way
 inline constexpr std::size_t kMaxStops = by_profile(64, 64, 24);  ///< stops of the explorer's tour, the vehicle is one; the farthest are left for later
 inline constexpr std::size_t kMaxTriedPlaces = by_profile(256, 128, 64);  ///< places that could not be looked into; the oldest gives way
 inline constexpr std::size_t kMaxTrailNodes = by_profile(2048, 1024, 256);  ///< places flown, 0.7 m apart, with the way home; further ones are left out
 inline constexpr std::size_t kMaxPathPoints = 64;        ///< points of the path ahead, about 3 m; a longer one is cut
 inline constexpr std::size_t kMaxDirtyBlocks = by_profile(49152, 16384, 640);  ///< blocks of 8 x 8 cells waiting for new clearances; 64 a tile: all of them fit
-inline constexpr std::size_t kMaxPaperSide = by_profile(320, 320, 48);  ///< cells along a side of the area of the paper's policy, 32 m; it does not see what lies beyond
+inline constexpr std::size_t kMaxPaperSide = by_profile(320, 320, 32);  ///< cells along a side of the area of the paper's policy, 32 m; it does not see what lies beyond
 inline constexpr std::size_t kPotentialWindow = by_profile(64, 64, 32);  ///< cells along a side of the potential's ring, a power of two; a wider window is cut to it
 
 // Floors.
@@ -75,7 +75,7 @@ inline constexpr std::size_t kMaxLandmarks = by_profile(160, 120, 48);  ///< wal
 inline constexpr std::size_t kMaxPointCells = by_profile(8192, 4096, 1024);  ///< cells of the point map, a power of two; the one with fewest points gives way
 inline constexpr std::size_t kMaxPredictorSamples = 128; ///< inertial samples since the last scan; the oldest give way
 inline constexpr std::size_t kMaxMatchPoints = by_profile(240, 240, 120);  ///< points of one sweep matched with the point map; thinned out beyond
-inline constexpr std::size_t kMaxShapePoints = by_profile(180, 180, 90);  ///< points of one sweep in the scan match; thinned out beyond
+inline constexpr std::size_t kMaxShapePoints = 180;  ///< points of one sweep in the scan match; thinned out beyond
 inline constexpr std::size_t kMaxScanSide = by_profile(320, 320, 96);  ///< cells along a side of that map, 0.15 m each; what lies outside is left out
 inline constexpr std::size_t kMaxScanCells = by_profile(8192, 4096, 768);  ///< cells of the map around the vehicle; a further one is refused
 inline constexpr std::size_t kMaxKeyframes = by_profile(2048, 512, 64);  ///< sweeps kept for the scan match; the most crowded gives way

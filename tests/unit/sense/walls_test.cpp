@@ -19,7 +19,7 @@ class Eye {
 public:
     Eye(const test::PlanarWorld& world, const double x_m, const double y_m, const double yaw_rad, const double range_noise_m, const std::uint32_t seed,
         const Parameters& parameters)
-        : flight_({{x_m, y_m}, {x_m + std::cos(yaw_rad), y_m + std::sin(yaw_rad)}}, 0.5, 100.0),
+        : flight_({{x_m, y_m}, {x_m + std::cos(yaw_rad), y_m + std::sin(yaw_rad)}}, 0.5, 0.1),
           sensors_(world, flight_, test::Noise{range_noise_m, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0}, seed),
           leveller(parameters),
           extractor(parameters) {
