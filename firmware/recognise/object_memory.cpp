@@ -35,6 +35,7 @@ constexpr std::int32_t kAbsent = 5;          // places from which it was not to 
 constexpr std::int64_t kForget_us = 30000000;   // a candidate that was not seen for so long goes
 constexpr double kWidthLeast_m = 0.12;
 constexpr double kPatch = 0.5;              // a region narrower than this share of the object is a patch of it
+constexpr double kOnSurface_m = 0.08;
 constexpr double kWidthMost_m = 2.5;
 constexpr double kOutlier_sigma = 3.0;
 constexpr float kRatio = 0.85F;
@@ -86,6 +87,13 @@ bool heights_meet(const double z_a, const double height_a, const double z_b, con
 
 double away_m(const Vec3& point_m, const KnownObject& object) {
     return std::hypot(point_m[0] - object.x_m, point_m[1] - object.y_m, point_m[2] - object.z_m);
+}
+
+/// Whether the first is a spot on the second: much smaller, inside its outline, on its surface. Its colour does not matter.
+bool patch_of(const KnownObject& small, const KnownObject& large) {
+    return small.width_m < kPatch * large.width_m && small.height_m < kPatch * large.height_m &&
+           std::fabs(small.z_m - large.z_m) < 0.5 * large.height_m &&
+           std::hypot(small.x_m - large.x_m, small.y_m - large.y_m) < 0.5 * large.width_m + kOnSurface_m;
 }
 
 }  // namespace
@@ -314,6 +322,7 @@ void ObjectMemory::keep_view(KnownObject& object, const Observation& observation
 
 bool ObjectMemory::same(const KnownObject& a, const KnownObject& b) const {
     if (!a.placed || !b.placed || a.floor != b.floor) { return false; }
+    if (patch_of(a, b) || patch_of(b, a)) { return true; }
     const double distance_m = std::hypot(a.x_m - b.x_m, a.y_m - b.y_m);
     const double reach_m = std::clamp(0.5 * std::max(a.width_m, b.width_m), 0.15, 0.45);
     // A candidate with a poor range may be a known one a little farther along its line of sight.
@@ -337,13 +346,30 @@ bool ObjectMemory::same(const KnownObject& a, const KnownObject& b) const {
 void ObjectMemory::join(const std::size_t into, const std::size_t from) {
     KnownObject& a = objects_[into];
     const KnownObject& b = objects_[from];
-    for (std::size_t i = 0; i < kSectors; ++i) {
-        a.sectors[i].xx += b.sectors[i].xx;
-        a.sectors[i].xy += b.sectors[i].xy;
-        a.sectors[i].yy += b.sectors[i].yy;
-        a.sectors[i].x += b.sectors[i].x;
-        a.sectors[i].y += b.sectors[i].y;
-        a.sectors[i].count += b.sectors[i].count;
+    // A spot on the other says nothing of place, size and colours of the whole.
+    if (patch_of(a, b)) {
+        a.sectors = b.sectors;
+        a.width_m = b.width_m;
+        a.width_weight = b.width_weight;
+        a.height_m = b.height_m;
+        a.height_weight = b.height_weight;
+        a.z_m = b.z_m;
+        a.z_weight = b.z_weight;
+        a.signature = b.signature;
+        a.signature_weight = b.signature_weight;
+        a.features_mean = b.features_mean;
+    } else if (!patch_of(b, a)) {
+        for (std::size_t i = 0; i < kSectors; ++i) {
+            a.sectors[i].xx += b.sectors[i].xx;
+            a.sectors[i].xy += b.sectors[i].xy;
+            a.sectors[i].yy += b.sectors[i].yy;
+            a.sectors[i].x += b.sectors[i].x;
+            a.sectors[i].y += b.sectors[i].y;
+            a.sectors[i].count += b.sectors[i].count;
+        }
+        if (b.width_weight > 0.0) { mean_into(a.width_m, a.width_weight, b.width_m, b.width_weight); }
+        if (b.height_weight > 0.0) { mean_into(a.height_m, a.height_weight, b.height_m, b.height_weight); }
+        if (b.z_weight > 0.0) { mean_into(a.z_m, a.z_weight, b.z_m, b.z_weight); }
     }
     for (std::size_t i = 0; i < kMaxObjectViews; ++i) {
         if (b.views[i].used && (!a.views[i].used || b.views[i].quality > a.views[i].quality)) {
@@ -351,9 +377,6 @@ void ObjectMemory::join(const std::size_t into, const std::size_t from) {
             a.views[i].changed = false;  // the store moves the row of the picture itself
         }
     }
-    if (b.width_weight > 0.0) { mean_into(a.width_m, a.width_weight, b.width_m, b.width_weight); }
-    if (b.height_weight > 0.0) { mean_into(a.height_m, a.height_weight, b.height_m, b.height_weight); }
-    if (b.z_weight > 0.0) { mean_into(a.z_m, a.z_weight, b.z_m, b.z_weight); }
     a.sightings += b.sightings;
     a.whole += b.whole;
     a.strong += b.strong;

@@ -278,6 +278,28 @@ void identical_objects_at_two_places_stay_two_and_one_stays_one() {
     }
 }
 
+void spot_on_an_object_is_not_an_object() {
+    // A box of 0.5 x 1.2 m, and a spot of another colour on its front that the camera sees alone from close by; and a small thing beside it.
+    const auto memory = std::make_unique<ObjectMemory>();
+    std::mt19937 rng{6};
+    for (int k = 0; k < 40; ++k) {
+        static_cast<void>(memory->enter(seen(2.0, 1.0, 0.1 * k, k, 3, rng)));
+        for (const double y_m : {1.27, 1.8}) {
+            Observation small = seen(2.0, y_m, 0.02 * k, k, 9, rng);
+            small.part.place.width_m = 0.15;
+            small.part.place.height_m = 0.2;
+            static_cast<void>(memory->enter(small));
+        }
+        memory->tidy(200000 * k);
+    }
+    TEST_ASSERT_EQUAL_INT(2, memory->confirmed());
+    for (const noctule::KnownObject& o : memory->objects()) {
+        const bool large = o.y_m < 1.4;
+        TEST_ASSERT_DOUBLE_WITHIN(0.1, large ? 1.0 : 1.8, o.y_m);
+        TEST_ASSERT_DOUBLE_WITHIN(0.05, large ? 0.5 : 0.15, o.width_m);
+    }
+}
+
 void covariance_tells_the_spread_of_the_estimate() {
     // Independent route: 300 memories that saw the same thing from four sides; their estimates scatter as the covariance says.
     double square = 0.0, told = 0.0;
@@ -396,6 +418,7 @@ int main() {
     RUN_TEST(object_that_was_seen_from_one_place_alone_is_not_sure);
     RUN_TEST(lines_of_sight_meet_where_the_thing_is);
     RUN_TEST(identical_objects_at_two_places_stay_two_and_one_stays_one);
+    RUN_TEST(spot_on_an_object_is_not_an_object);
     RUN_TEST(covariance_tells_the_spread_of_the_estimate);
     RUN_TEST(candidate_that_was_seen_once_is_not_told_and_goes);
     RUN_TEST(pictures_are_bounded_and_from_all_sides);
