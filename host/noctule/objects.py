@@ -169,6 +169,28 @@ def report_fields(folder: Path, world, start) -> dict:
     return {"objects": rows, "objects_missed": len(graded.missed), "objects_duplicated": graded.duplicated, "objects_false": graded.false}
 
 
+def section(folder: Path, report: dict, world, start) -> str:
+    """The objects in report.html: plan of each floor, then a line an object with its best picture; empty without a database."""
+    path = Path(folder) / "objects.db"
+    if not path.is_file():
+        return ""
+    found = {o.id: o for o in read(path)}
+    lines = []
+    for row in report["objects"]:
+        o = found[row["id"]]
+        shown = [v for v in o.views if v.picture]
+        best = max(shown, key=lambda v: (v.features, -v.distance_m)) if shown else None
+        picture = f'<img src="{picture_uri(best.picture)}" alt="object {o.id}" style="height:64px">' if best else ""
+        error = "-" if row["error_m"] is None else f'{100.0 * row["error_m"]:.1f} cm'
+        cells = (o.id, html.escape(row["true_id"] or "none"), o.kind, o.floor, f"{o.position_m[0]:.2f}, {o.position_m[1]:.2f}", error, f"{100.0 * o.sigma_m:.1f} cm",
+                 f"{o.width_m:.2f} x {o.height_m:.2f} m", o.sightings)
+        lines.append(f'<tr id="object{o.id}"><td>{picture}</td>' + "".join(f"<td>{c}</td>" for c in cells) + "</tr>")
+    heads = "".join(f"<th>{c}</th>" for c in ("", "id", "true name", "kind", "floor", "x, y in Map", "error", "sigma", "size", "sightings"))
+    plans = "".join(f"<h3>Floor {floor}</h3>{svg}" for floor, svg in plans_of(Path(folder), list(found.values()), world, start).items())
+    return (f"<h2>Objects</h2><p>{len(lines)} listed; missed {report['objects_missed']}, duplicated {report['objects_duplicated']}, false {report['objects_false']}. "
+            f"Red: with texture, blue: plain; the disc is two standard deviations. Green rings: true places.</p>{plans}<table><tr>{heads}</tr>{''.join(lines)}</table>")
+
+
 # ---------------------------------------------------------------- exports
 
 

@@ -373,5 +373,6 @@ def write(folder) -> dict:
         (run.folder / "building.png").write_bytes(building)
         shown = base64.b64encode(building).decode()
         page = page.replace("</body>", f'<h2>The building</h2>\n<img alt="floor plans and the building" src="data:image/png;base64,{shown}">\n</body>', 1)
+    page = page.replace("</body>", f"{objects.section(run.folder, report, run.world, run.start)}\n</body>", 1)
     (run.folder / "report.html").write_text(page, encoding="utf-8")
     return report

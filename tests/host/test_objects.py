@@ -38,6 +38,22 @@ def test_exports_hold_every_object():
 
 
 @needs_library
+def test_report_shows_each_object_with_its_true_name(tmp_path):
+    assert objects.section(tmp_path, {}, None, None) == ""
+    world, start = load_world("gallery"), StartPose(0.0, 0.0, 0.0, 0.0)
+    kiosk = world.objects[0].primitive.centre_m
+    vision_abi.Vision(tmp_path / "objects.db").close()
+    with sqlite3.connect(tmp_path / "objects.db") as base:
+        for number, (x, y) in ((3, (kiosk[0] + 0.1, kiosk[1])), (4, (7.0, 5.0))):
+            base.execute("INSERT INTO object(id, session, confirmed, floor, x_m, y_m, z_m, xx_m2, xy_m2, yy_m2, width_m, height_m, first_seen_us, last_seen_us, sightings, "
+                         "state, textured, colour, moments) VALUES(?, 1, 1, 0, ?, ?, 0.6, 0.01, 0, 0.01, 0.5, 1.2, 1, 2, 9, x'', 0, x'', x'')", (number, x, y))
+    base.close()
+    page = objects.section(tmp_path, objects.report_fields(tmp_path, world, start), world, start)
+    assert "2 listed; missed 11, duplicated 0, false 1" in page
+    assert "<td>3</td><td>kiosk</td>" in page and "<td>4</td><td>none</td>" in page and "10.0 cm" in page
+
+
+@needs_library
 def test_an_older_schema_is_brought_up_and_keeps_its_rows(tmp_path):
     path = tmp_path / "objects.db"
     vision_abi.Vision(path).close()
