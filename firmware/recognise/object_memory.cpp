@@ -32,7 +32,7 @@ constexpr double kMeetApart_rad = 0.04;      // lines that miss each other by mo
 constexpr double kRefuteOff_m = 0.60;
 constexpr double kAbsentStep_m = 0.15;
 constexpr std::int32_t kAbsent = 5;          // places from which it was not to be seen, and more than those from which it was
-constexpr std::int64_t kForget_us = 30000000;   // a candidate without a good sighting that was not seen for so long goes
+constexpr std::int64_t kForget_us = 30000000;   // a candidate without laser ranges that was not seen for so long goes
 constexpr double kWidthLeast_m = 0.12;
 constexpr double kPatch = 0.5;              // a region narrower than this share of the object is a patch of it
 constexpr double kOnSurface_m = 0.08;
@@ -436,7 +436,7 @@ void ObjectMemory::tidy(const std::int64_t t_us) {
         if (refuted(object)) {
             remove(i, 0);
             ++counters_.refuted;
-        } else if (!object.confirmed && object.strong < kConfirmWhole && t_us - object.last_seen_us > kForget_us) {
+        } else if (!object.confirmed && object.ranged < kConfirmRanged && t_us - object.last_seen_us > kForget_us) {
             remove(i, 0);
             ++counters_.dropped;
         }
