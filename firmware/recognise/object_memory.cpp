@@ -89,9 +89,9 @@ double away_m(const Vec3& point_m, const KnownObject& object) {
     return std::hypot(point_m[0] - object.x_m, point_m[1] - object.y_m, point_m[2] - object.z_m);
 }
 
-/// Whether the first is a spot on the second: much smaller, inside its outline, on its surface. Its colour does not matter.
+/// Whether the first is a spot on the second: much smaller, not better known, inside its outline, on its surface. Its colour does not matter.
 bool patch_of(const KnownObject& small, const KnownObject& large) {
-    return small.width_m < kPatch * large.width_m && small.height_m < kPatch * large.height_m &&
+    return small.strong <= large.strong && small.width_m < kPatch * large.width_m && small.height_m < kPatch * large.height_m &&
            std::fabs(small.z_m - large.z_m) < 0.5 * large.height_m &&
            std::hypot(small.x_m - large.x_m, small.y_m - large.y_m) < 0.5 * large.width_m + kOnSurface_m;
 }
