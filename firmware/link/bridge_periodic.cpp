@@ -98,15 +98,14 @@ void Bridge::send_command(const std::uint16_t command, const std::array<float, 7
 }
 
 /// What the setpoint's velocity changed by since the last one: autopilots turn a change of velocity alone into thrust too late. A jump is no
-/// acceleration: it is cut to twice the limit that the setpoints are made with (the guard brakes harder than they do). False: there is no last one to compare with.
+/// acceleration: it is cut to the limit that the setpoints are made with. False: there is no last one to compare with.
 bool Bridge::acceleration_of(const Setpoint& setpoint, const std::int64_t t_us, Acceleration& out) const {
     const std::int64_t dt_us = t_us - sent_us_;
     if (sent_us_ < 0 || dt_us <= 0 || dt_us > kAccelerationWithin_us) { return false; }
     const float scale = 1.0F / (static_cast<float>(dt_us) * 1e-6F);
     out = {scale * (setpoint.vx_m_s - sent_.vx_m_s), scale * (setpoint.vy_m_s - sent_.vy_m_s), scale * (setpoint.vz_m_s - sent_.vz_m_s)};
     const float size = std::hypot(out.x_m_s2, out.y_m_s2, out.z_m_s2);
-    const float most = 2.0F * p_.accel_max_m_s2;
-    const float cut = size > most ? most / size : 1.0F;
+    const float cut = size > p_.accel_max_m_s2 ? p_.accel_max_m_s2 / size : 1.0F;
     out = {cut * out.x_m_s2, cut * out.y_m_s2, cut * out.z_m_s2};
     return true;
 }

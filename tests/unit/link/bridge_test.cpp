@@ -483,7 +483,7 @@ static void setpoints_carry_their_acceleration_and_a_jump_is_none() {
     TEST_ASSERT_FLOAT_WITHIN(1e-4F, -0.2F, m.afz);
     s.nav.setpoint_vx_m_s = 0.8F;
     s.run(0.05);
-    TEST_ASSERT_FLOAT_WITHIN(1e-3F, 2.0F * s.parameters.accel_max_m_s2, std::hypot(sent().back().afx, sent().back().afy, sent().back().afz));
+    TEST_ASSERT_FLOAT_WITHIN(1e-3F, s.parameters.accel_max_m_s2, std::hypot(sent().back().afx, sent().back().afy, sent().back().afz));
 }
 
 static void texts_do_not_flood_the_link() {
