@@ -70,6 +70,7 @@ void Explorer::sweep() {
     survey_.begin();
     policy_ = &tour_;
     tour_.begin(home_);
+    tour_.resume();
 }
 
 void Explorer::begin_field(const OccupancyGrid& grid) {

@@ -131,7 +131,7 @@ bool FloorPlanner::wants_search() const {
     const bool up = linked(true);
     const bool down = linked(false);
     return vertical_.size() > 0U && !floor.searched && !full() && !(up && down) &&
-           floor.searched_s < (up || down ? p_.floor_search_linked_s : p_.floor_search_s);
+           floor.searched_s < (up || down ? p_.floor_search_linked_s : p_.floor_search_s) + p_.floor_search_share * floor.explored_s;
 }
 
 // Where the search is flown to its end few passes are the shortest way; where it has little time the widest openings come first.
@@ -139,12 +139,6 @@ float FloorPlanner::width_m(const std::int32_t pass) const {
     const float least_m = std::min(p_.floor_search_fine_m, p_.floor_search_gap_m);
     if (pass > 1 && !linked(true) && !linked(false)) { return least_m; }
     return std::max(p_.floor_search_gap_m * std::pow(kNarrower, static_cast<float>(pass)), least_m);
-}
-
-const Soundings* FloorPlanner::while_exploring() {
-    if (p_.floors_max <= 1 || vertical_.size() == 0U || full() || (linked(true) && linked(false))) { return nullptr; }
-    soundings_.want(0.5F * width_m(0));
-    return &soundings_;
 }
 
 }  // namespace noctule

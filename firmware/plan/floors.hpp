@@ -42,8 +42,9 @@ struct Floor {
     std::int8_t parent = -1;     ///< layer at the other end of it
     float seen_x_m = 0.0F;       ///< place beyond by which that opening was found
     float seen_y_m = 0.0F;
+    float explored_s = 0.0F;     ///< time that its exploration took
     float searched_s = 0.0F;     ///< time spent in search of openings after its exploration
-    std::int32_t pass = 1;       ///< of that search: each looks for narrower openings; the exploration is pass 0
+    std::int32_t pass = 0;       ///< of that search: each looks for narrower openings
     bool searched = false;       ///< it is over
 };
 
@@ -69,8 +70,8 @@ public:
     /// Every step, whatever the state: the ranges of the step, and the layer that the height tells.
     void observe(const Estimate& estimate, const SensorFrame& frame, const LevelScan& scan, const OccupancyGrid& grid);
 
-    /// What is to be passed over and under while the floor is explored; nullptr: nothing, no opening is looked for here.
-    [[nodiscard]] const Soundings* while_exploring();
+    /// A step of exploring lasted so long.
+    void note_exploring(const float dt_s) { floors_[static_cast<std::size_t>(current_)].explored_s += dt_s; }
 
     /// True: with this floor explored there is something for step() to do.
     [[nodiscard]] bool more(const OccupancyGrid& grid, const Pose2<Map, Body>& pose) const {
@@ -130,7 +131,7 @@ private:
     [[nodiscard]] bool linked(bool up) const;
     [[nodiscard]] bool full() const;
     [[nodiscard]] bool wants_search() const;
-    /// Width of the openings that a pass of the search looks for; pass 0 is the exploration.
+    /// Width of the openings that a pass of the search looks for.
     [[nodiscard]] float width_m(std::int32_t pass) const;
     void refuse(Refusal why);
     void decide(const OccupancyGrid& grid, Explorer& explorer, const Pose2<Map, Body>& pose);

@@ -22,6 +22,7 @@ constexpr std::int64_t kSettledUs = 500000;     ///< a height or place must hold
 constexpr std::int64_t kNoWayUs = 10000000;     ///< no known way home for this long: land where it is
 constexpr std::uint32_t kLearnedBlocks = 20;    ///< the same, of ceiling and ground (plan/soundings)
 constexpr float kLearnedM2 = 0.2F;              ///< growth of the known area that counts as progress
+constexpr std::int64_t kLongStepUs = 200000;    ///< a longer silence does not count as time explored
 constexpr float kHeightToleranceM = 0.12F;
 constexpr float kOpeningBelowM = 0.5F;         ///< ground this far under the floor lies beyond an opening
 constexpr float kSlowM_S = 0.15F;
@@ -161,6 +162,7 @@ float Mission::height_wanted_m(const Estimate& estimate) const {
 
 const Target& Mission::advance(const Estimate& estimate, const OccupancyGrid& grid, const VehicleSample& vehicle,
                                const Pose2<Map, Body>& last_setpoint, const std::int64_t t_us) {
+    before_us_ = t_us_;
     t_us_ = t_us;
     const Pose2<Map, Body>& pose = estimate.planar.pose_map_body;
     if (localised_ || estimate.planar.quality >= 0) { explorer_.observe(grid, pose, t_us); }
@@ -303,7 +305,8 @@ void Mission::aim(const Estimate& estimate, const OccupancyGrid& grid, const Pos
             }
             target_.mode = Target::Mode::follow;
             if (state_ == S::exploring) {
-                explorer_.explore(grid, pose, last_setpoint, t_us_, target_, floors_.while_exploring());
+                floors_.note_exploring(1e-6F * static_cast<float>(std::clamp<std::int64_t>(t_us_ - before_us_, 0, kLongStepUs)));
+                explorer_.explore(grid, pose, last_setpoint, t_us_, target_);
             } else if (state_ == S::changing_floor) {
                 floor_result_ = floors_.step(estimate, grid, explorer_, last_setpoint, t_us_, target_);
                 if (floor_result_ == FloorPlanner::Result::nothing) {   // the last step before the way home: stays where it is

@@ -123,6 +123,7 @@ private:
     bool ready_ = false;
     bool localised_ = false;
     std::int64_t t_us_ = 0;
+    std::int64_t before_us_ = 0;       ///< of the step before
     std::int64_t entered_us_ = 0;
     std::int64_t good_since_us_ = -1;
     std::int64_t lost_since_us_ = -1;

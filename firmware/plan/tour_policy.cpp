@@ -41,7 +41,7 @@ float viewing_distance(const Frontier& f) { return std::hypot(f.view_x_m - f.x_m
 
 void TourPolicy::begin(const Pose2<Map, Body>& home) {
     static_cast<void>(home);
-    answer_.valid = answer_.finished = answer_.seen = false;
+    answer_.valid = answer_.finished = answer_.seen = passing_ = false;
     stops_.clear();
     last_tour_.clear();
     phase_ = Phase::survey;
@@ -88,6 +88,7 @@ void TourPolicy::set_goal(const Frontier& front) {
 void TourPolicy::resume() {
     answer_.finished = false;
     empty_passes_ = 0;
+    passing_ = true;
 }
 
 void TourPolicy::drop(const MapView& map, const bool give_up) {
@@ -182,8 +183,10 @@ MapView TourPolicy::soon(const MapView& map) const {
 void TourPolicy::gather_stops(const MapView& map) {
     stops_.clear();
     Bounded<Frontier, kMaxFrontiers> found = map.survey.search().found();
+    const bool only_passes = passing_ && std::any_of(found.begin(), found.end(), [](const Frontier& f) { return f.sounding; });
     std::sort(found.begin(), found.end(), [](const Frontier& a, const Frontier& b) { return a.sight_cost != b.sight_cost ? a.sight_cost < b.sight_cost : a.look < b.look; });
     for (const Frontier& f : found) {
+        if (only_passes && !f.sounding) { continue; }   // a pocket that flickers must not draw the vehicle across the floor
         const auto same = std::find_if(stops_.begin(), stops_.end(), [&](const Frontier& s) {
             const bool near = !f.sounding && !s.sounding && std::hypot(s.view_x_m - f.view_x_m, s.view_y_m - f.view_y_m) < kOneStopM;
             return s.view == f.view || (near && map.grid.line_is_free(s.view_x_m, s.view_y_m, f.view_x_m, f.view_y_m));

@@ -18,7 +18,7 @@ public:
     explicit TourPolicy(const Parameters& parameters) : p_(parameters) {}
     void begin(const Pose2<Map, Body>& home) override;
     const PolicyAnswer& step(const MapView& map, const Pose2<Map, Body>& pose, std::int32_t budget_cells) override;
-    /// More is wanted than when it finished.
+    /// The floor is explored: goes on with the places still to be passed in search of openings (plan/soundings).
     void resume();
     [[nodiscard]] std::size_t stops() const { return stops_.size(); }
 
@@ -43,6 +43,7 @@ private:
     RootGraph graph_;
     Tour tour_;
     Phase phase_ = Phase::survey;
+    bool passing_ = false;                        ///< explored: places to pass come before what is still unknown
     std::int64_t dwell_since_us_ = -1;
     std::int64_t passed_us_ = 0;                  ///< end of the last pass
     std::int32_t empty_passes_ = 0;               ///< in a row, without any goal
