@@ -42,6 +42,8 @@ public:
     /// One step of flying to a given place.
     void go_to(const OccupancyGrid& grid, const Pose2<Map, Body>& pose, const Pose2<Map, Body>& from, float x_m, float y_m, std::int64_t t_us, Target& target);
 
+    /// Ways keep farther off what the laser sees (Traversability::keep_off).
+    void keep_off(const bool on) { where_.keep_off(on); }
     /// True: nothing reachable and worth a visit is left.
     [[nodiscard]] bool finished() const { return goal_.answer.finished; }
     /// True: the present goal has a known way, and the vehicle gets on along it.

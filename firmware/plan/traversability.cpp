@@ -99,7 +99,8 @@ void Traversability::load_parameters() {
     need_cm_ = need_cm;
     for (std::int32_t k = 0; k <= kCapCm; ++k) {
         float& kept = slowness_[static_cast<std::size_t>(k)];
-        const float slow = p_.speed_max_m_s / speed_at_clearance_m_s(p_, 0.01F * static_cast<float>(k));
+        float slow = p_.speed_max_m_s / speed_at_clearance_m_s(p_, 0.01F * static_cast<float>(k));
+        if (keeps_off_ && k < round_int(100.0F * (p_.hull_radius_m + kTreadM))) { slow = std::max(slow, std::min(kOffFactor * slow, kOffMost)); }
         changed = changed || slow != kept;
         kept = slow;
     }

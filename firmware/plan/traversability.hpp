@@ -36,6 +36,10 @@ public:
     /// Those whose time is over.
     void reopen(std::int64_t t_us);
 
+    /// Places where the hull is nearer than a tread's depth to a hit are gone round where that is not much farther: beside stairs the top of a tread that is
+    /// a little under the laser's plane is not seen and lies in the hull's way. Taken up with the next update.
+    void keep_off(const bool on) { keeps_off_ = on; }
+
     static constexpr std::int32_t kCapCm = 80;   ///< distances are known up to here
 
     /// Distance of a free cell's centre to the nearest hit [cm], at most kCapCm; where the hull hardly fits, of the cell's roomiest
@@ -67,6 +71,9 @@ private:
     struct Closed { float x_m; float y_m; std::int64_t until_us; };
     static constexpr std::size_t kMaxClosed = 16;
     static constexpr std::int32_t kTightCm = 15;
+    static constexpr float kTreadM = 0.30F;
+    static constexpr float kOffFactor = 4.0F;
+    static constexpr float kOffMost = 20.0F;   ///< slowness: the dearest edge must fit in the ring of OpenCells
     static constexpr std::int32_t kBlocksPerStep = 160;
     void load_parameters();
     void mark_all_stale();
@@ -83,6 +90,7 @@ private:
     std::size_t queue_head_ = 0;
     std::size_t queue_size_ = 0;
     std::array<float, kCapCm + 1> slowness_{};
+    bool keeps_off_ = false;
     std::int32_t need_cm_ = 33;
     std::uint32_t meaning_ = 0;
     Fence fence_;

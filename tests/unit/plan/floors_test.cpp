@@ -36,6 +36,7 @@ struct Flight {
     ClosedLoop loop;
 
     explicit Flight(const Opening& opening, const unsigned seed = 3U) : loop(p, world, seed) {
+        p.floor_search_s = 600.0F;   // the search is flown to its end
         loop.slab_m = kUpperM;
         loop.over_m = [opening](const double x, const double y, const double z) { return z > kUndersideM || opening.holds(x, y) ? kRoofM : kUndersideM; };
         loop.under_m = [opening](const double x, const double y, const double z) { return z > kUpperM && !opening.holds(x, y) ? kUpperM : 0.0; };
