@@ -36,6 +36,9 @@ public:
         size_ -= n;
     }
 
+    /// Keeps the first n entries, n <= size().
+    void keep_front(const std::size_t n) { size_ = n; }
+
     [[nodiscard]] static constexpr std::size_t capacity() { return Capacity; }
     [[nodiscard]] std::size_t size() const { return size_; }
     [[nodiscard]] bool empty() const { return size_ == 0; }

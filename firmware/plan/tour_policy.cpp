@@ -198,6 +198,14 @@ void TourPolicy::gather_stops(const MapView& map) {
             static_cast<void>(stops_.push(f));
         }
     }
+    // When hardly anything is left, a pocket must be worth its way.
+    float left_m2 = 0.0F;
+    for (const Frontier& f : stops_) { left_m2 += reveals_m2(f); }
+    if (left_m2 > p_.tour_tail_share * map.grid.known_area_m2()) { return; }
+    const auto kept = std::remove_if(stops_.begin(), stops_.end(), [&](const Frontier& f) {
+        return !f.sounding && !f.camera && reveals_m2(f) < p_.tour_worth_m * metres(map, f.sight_cost);
+    });
+    stops_.keep_front(static_cast<std::size_t>(kept - stops_.begin()));
 }
 
 // True: going there now would undo the last change of mind although nothing has been learned since.
