@@ -128,7 +128,8 @@ void Explorer::take(const OccupancyGrid& grid, const PolicyAnswer& answer) {
     if (goal_.valid && moved && answer.path == nullptr) {
         const float known_m2 = grid.known_area_m2();
         const Past& before = left_;
-        const bool open = FrontierSearch::is_frontier(grid, grid.find(goal_.answer.look_x_m, goal_.answer.look_y_m)) && fate_ == GoalFate::under_way;
+        const bool open = FrontierSearch::is_frontier(grid, grid.find(goal_.answer.look_x_m, goal_.answer.look_y_m)) && fate_ == GoalFate::under_way &&
+                          !goal_.answer.seen;   // seen, its cell may flicker back: that is no change of mind
         // Back to the goal left last, from one that is still open as well, with nothing learned in between.
         if (before.known_m2 >= 0.0F && before.open && open && known_m2 - before.known_m2 < kNewsM2 &&
             std::hypot(answer.look_x_m - before.x_m, answer.look_y_m - before.y_m) < kSameGoalM) {
