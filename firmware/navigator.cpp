@@ -44,6 +44,7 @@ const NavOutput& Navigator::step(const SensorFrame& frame) {
         on_floor.altitude.floor_z_m = floors.floor_z_m(estimate_.altitude);
         grid_.integrate(on_floor, localiser_.level_scan());
     }
+    mission_.hear(frame.goal);
     const Target& target = mission_.step(estimate_, grid_, vehicle_, frame.command, reference_.pose(), t_us);
     const Setpoint& wanted = reference_.step(estimate_, target, t_us);
     const bool vertical_free = mission_.state() == MissionState::taking_off || mission_.state() == MissionState::landing;
@@ -62,6 +63,8 @@ const NavOutput& Navigator::step(const SensorFrame& frame) {
     output_.floor = floors.name_of(floors.current());
     for (std::int32_t i = 0; i < kMaxFloors; ++i) { output_.floor_names[static_cast<std::size_t>(i)] = floors.name_of(i); }
     output_.openings_refused = static_cast<std::int32_t>(floors.judged().size());
+    output_.ask = mission_.explorer().external().ask();
+    output_.policy = mission_.explorer().kind();
     output_.known_area_m2 = grid_.known_area_m2();
     output_.explored_share = -1.0F;
     if (const std::int32_t behind = mission_.explorer().behind_cells(); behind >= 0) {

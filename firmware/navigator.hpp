@@ -41,6 +41,8 @@ struct NavOutput {
     float known_area_m2 = 0.0F;
     float explored_share = -1.0F;   ///< of the present floor: what is known, of that and the unknown that shows behind its edges; -1 not known
     float clearance_m = 0.0F;   ///< hull to the nearest solid point seen; NaN unknown
+    PolicyAsk ask;              ///< of a policy outside; asked in this step if its t_us is the step's
+    PolicyKind policy = PolicyKind::tour;   ///< who decides where to look; not the parameter's once a policy outside was given up
     std::int32_t guard_interventions = 0;
     GuardRule guard_rule = GuardRule::none;
 };

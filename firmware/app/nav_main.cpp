@@ -1,4 +1,4 @@
-/// noctule-nav: the autonomy. One Navigator::step per scan; reads SCAN, IMU, ATTITUDE, RANGE_*, VEHICLE, COMMAND from
+/// noctule-nav: the autonomy. One Navigator::step per scan; reads SCAN, IMU, ATTITUDE, RANGE_*, VEHICLE, COMMAND, POLICY_GOAL from
 /// the bus and publishes what the step returned. All storage is static; nothing is allocated after start-up.
 #include <algorithm>
 #include <array>
@@ -80,6 +80,9 @@ struct Process {
     Histogram step_times;
     std::int64_t last_heard_ns = 0;
     std::int64_t scan_since_ns = 0;
+    std::int64_t policy_wait_ns = 0;   // longest wait for a policy outside; 0: none
+    bool policy_given_time = false;    // the wait for the newest request has run out
+    std::uint64_t policy_waits_over = 0;
 };
 
 Process process;  // static: the whole memory of the process is known at link time
@@ -87,6 +90,19 @@ noctule::Parameters parameters;
 
 void publish(void* context, const char* channel, const std::uint8_t* bytes, const std::size_t size) {
     static_cast<Process*>(context)->bus.publish_raw(channel, bytes, size);
+}
+
+/// In lockstep a step waits for the policy outside, once a request that it leaves unanswered: later ones are not waited for until it answers.
+bool wait_for_policy(const NavNode& node, const std::int64_t now_ns) {
+    if (!node.answer_awaited()) {
+        process.policy_given_time = false;
+        return false;
+    }
+    if (process.policy_wait_ns == 0 || process.policy_given_time) { return false; }
+    if (now_ns - process.scan_since_ns < process.policy_wait_ns) { return true; }
+    process.policy_given_time = true;
+    ++process.policy_waits_over;
+    return false;
 }
 
 /// heap_after_start: allocations since the first step; negative where they were not counted.
@@ -118,6 +134,7 @@ void write_stats(const char* path, const std::int64_t heap_after_start, const Na
     const noctule::Explorer::Counters explored = node.navigator().mission().explorer().counters();
     std::fprintf(file, "\"explorer\": {\"goals\": %u, \"switches\": %u, \"back_and_forth\": %u, \"in_vain\": %u, \"stuck\": %u, \"passes\": %u}, ",
                  explored.goals, explored.policy.switches, explored.back_and_forth, explored.policy.in_vain, explored.policy.stuck, explored.policy.passes);
+    std::fprintf(file, "\"policy_waits_over\": %llu, ", static_cast<unsigned long long>(process.policy_waits_over));
     std::fprintf(file, "\"refused_messages\": %u, \"scans_replaced\": %u}\n", node.refused(), node.scans_replaced());
     std::fclose(file);
 }
@@ -154,6 +171,8 @@ int main(int argc, char** argv) {
     options.add_option("--lcm-url", url, "LCM bus of the flight")->capture_default_str();
     options.add_option("--stats", stats_path, "write step times and memory to this JSON file at the end");
     options.add_option("--atlas", atlas_path, "write the atlas (docs/atlas.md) to this file while flying");
+    std::int64_t policy_wait_ms = 0;
+    options.add_option("--policy-wait-ms", policy_wait_ms, "lockstep: wait so long for a policy outside (parameter policy = 3); 0: never, as in flight")->check(CLI::Range(0, 10000));
     noctule::RealtimeOptions realtime;
     noctule::add_realtime_options(options, realtime);
     CLI11_PARSE(options, argc, argv);
@@ -185,18 +204,20 @@ int main(int argc, char** argv) {
         noctule::fill_atlas(node.navigator(), t_us, contents);
         atlas->give(noctule::encode_atlas(contents, node.navigator().grid(), atlas->buffer()), t_us);
     };
+    process.policy_wait_ns = policy_wait_ms * kNanosecondsPerMillisecond;
+    static const auto step_when_due = [](const std::int64_t now_ns) {
+        if (!node.step_due() || wait_for_policy(node, now_ns)) { return; }
+        node.step();
+        process.step_times.add(static_cast<float>(monotonic_ns() - now_ns) * 1e-3F);
+    };
     auto on_message = [](const char* channel, const std::uint8_t* bytes, const std::size_t size) {
         process.last_heard_ns = monotonic_ns();
         const bool waited = node.scan_waiting();
         static_cast<void>(node.receive(channel, bytes, size));
         if (!waited && node.scan_waiting()) { process.scan_since_ns = process.last_heard_ns; }
-        if (node.step_due()) {
-            const std::int64_t start_ns = monotonic_ns();
-            node.step();
-            process.step_times.add(static_cast<float>(monotonic_ns() - start_ns) * 1e-3F);
-        }
+        step_when_due(monotonic_ns());
     };
-    for (const char* name : {noctule::kChannelScan, noctule::kChannelImu, noctule::kChannelAttitude, noctule::kChannelRangeUp, noctule::kChannelRangeDown, noctule::kChannelBaro, noctule::kChannelVehicle, noctule::kChannelCommand, noctule::kChannelParameters}) {
+    for (const char* name : {noctule::kChannelScan, noctule::kChannelImu, noctule::kChannelAttitude, noctule::kChannelRangeUp, noctule::kChannelRangeDown, noctule::kChannelBaro, noctule::kChannelVehicle, noctule::kChannelCommand, noctule::kChannelParameters, noctule::kChannelPolicyGoal}) {
         if (!process.bus.subscribe_raw(name, on_message)) {
             std::fprintf(stderr, "noctule-nav: cannot subscribe to %s\n", name);
             return 2;
@@ -216,7 +237,8 @@ int main(int argc, char** argv) {
             return 1;
         }
         const std::int64_t now_ns = monotonic_ns();
-        if (node.scan_waiting() && now_ns - process.scan_since_ns > kScanHold_ms * kNanosecondsPerMillisecond) {
+        step_when_due(now_ns);
+        if (node.scan_waiting() && !node.step_due() && now_ns - process.scan_since_ns > kScanHold_ms * kNanosecondsPerMillisecond) {
             node.step();  // inertial data is late: go on with what there is
         }
         if (heap_at_first_step < 0 && process.step_times.count() > 0 && noctule_heap_allocations != nullptr) {

@@ -80,9 +80,9 @@ int noctule_hold(noctule_node* self, const char* channel, const std::uint8_t* by
 
 /// Runs the step of the waiting scan with so many samples. 0: too few are there, or no scan waits.
 int noctule_step_with(noctule_node* self, const int imu, const int attitude, const int range_up, const int range_down, const int vehicle, const int command,
-                      const int baro, const int parameters) {
+                      const int baro, const int parameters, const int policy) {
     const auto n = [](const int v) { return static_cast<std::size_t>(v < 0 ? 0 : v); };
-    return self->started().step_with(noctule::Consumed{n(imu), n(attitude), n(range_up), n(range_down), n(vehicle), n(command), n(baro), n(parameters)}) ? 1 : 0;
+    return self->started().step_with(noctule::Consumed{n(imu), n(attitude), n(range_up), n(range_down), n(vehicle), n(command), n(baro), n(parameters), n(policy)}) ? 1 : 0;
 }
 
 /// The next message that came out: its size, 0 when there is none. Channel and bytes hold until the next call of receive, hold or step.

@@ -29,6 +29,7 @@ inline constexpr std::size_t kMaxRangePerStep = 16;      ///< range samples of o
 inline constexpr std::size_t kMaxBaroPerStep = 16;       ///< barometer samples between two scans; the newest are refused
 inline constexpr std::size_t kMaxVehiclePerStep = 16;    ///< vehicle messages between two scans; the newest are refused
 inline constexpr std::size_t kMaxParametersPerStep = 4;  ///< parameter tables between two scans; the newest are refused
+inline constexpr std::size_t kMaxGoalPerStep = 8;        ///< answers of a policy outside between two scans; the newest are refused
 inline constexpr std::size_t kMaxCommandPerStep = 8;     ///< commands between two scans; the newest are refused
 
 // Link.

@@ -7,6 +7,7 @@
 
 #include "link/bridge_text.hpp"
 #include "metadata.gen.hpp"
+#include "plan/policy.hpp"
 
 namespace noctule {
 
@@ -355,6 +356,9 @@ void Bridge::forget_autopilot_clock(const std::int64_t t_us) {
 
 void Bridge::on_nav(const nav_t& message) {
     if (nav_heard_ && message.floor != nav_.floor) { text(MAV_SEVERITY_INFO, "floor %d", static_cast<int>(message.floor)); }
+    if (nav_heard_ && nav_.policy == static_cast<std::int32_t>(PolicyKind::external) && message.policy == static_cast<std::int32_t>(PolicyKind::tour)) {
+        text(MAV_SEVERITY_WARNING, "policy given up after %d refusals, %d timeouts", static_cast<int>(message.policy_refused), static_cast<int>(message.policy_timeouts));
+    }
     const bool changed = nav_heard_ && (message.state != nav_.state || message.reason != nav_.reason);
     const SetpointCheck check = supervisor_.nav(message, now_us_);
     if (!nav_heard_ && message.parameters_crc != static_cast<std::int32_t>(kParametersCrc)) {

@@ -55,6 +55,7 @@ Input NavNode::receive(const char* const channel, const std::uint8_t* const byte
     if (is(kChannelVehicle)) { return receive_vehicle(bytes, size); }
     if (is(kChannelCommand)) { return receive_command(bytes, size); }
     if (is(kChannelParameters)) { return receive_parameters(bytes, size); }
+    if (is(kChannelPolicyGoal)) { return receive_goal(bytes, size); }
     return Input::other_channel;
 }
 
@@ -161,6 +162,18 @@ Input NavNode::receive_parameters(const std::uint8_t* const bytes, const std::si
     return Input::accepted;
 }
 
+Input NavNode::receive_goal(const std::uint8_t* const bytes, const std::size_t size) {
+    policy_goal_t message{};
+    if (!decode(message, bytes, size)) { return Input::rejected_malformed; }
+    const GoalSample sample{message.t_us, message.ask, static_cast<GoalSample::Kind>(message.kind), message.x_m, message.y_m, message.look_x_m, message.look_y_m};
+    if (!pending_.goal.push(sample)) {
+        ++refused_;
+        return Input::refused_full;
+    }
+    if (message.ask <= asked_) { answered_ = std::max(answered_, message.ask); }
+    return Input::accepted;
+}
+
 Input NavNode::receive_scan(const std::uint8_t* const bytes, const std::size_t size) {
     if (!decode(scan_message_, bytes, size)) { return Input::rejected_malformed; }
     const scan_t& message = scan_message_;
@@ -191,14 +204,15 @@ void NavNode::step() {
     const std::int64_t t_us = pending_.scan.t_us;
     run(Consumed{up_to(pending_.imu, t_us), up_to(pending_.attitude, t_us), up_to(pending_.range_up, t_us),
                  up_to(pending_.range_down, t_us), up_to(pending_.vehicle, t_us), up_to(pending_.command, t_us),
-                 up_to(pending_.baro, t_us), up_to(pending_parameters_, t_us)});
+                 up_to(pending_.baro, t_us), up_to(pending_parameters_, t_us), pending_.goal.size()});
 }
 
 bool NavNode::step_with(const Consumed& consumed) {
     if (!scan_waiting_ || consumed.imu > pending_.imu.size() || consumed.attitude > pending_.attitude.size() ||
         consumed.range_up > pending_.range_up.size() || consumed.range_down > pending_.range_down.size() ||
         consumed.vehicle > pending_.vehicle.size() || consumed.command > pending_.command.size() ||
-        consumed.baro > pending_.baro.size() || consumed.parameters > pending_parameters_.size()) {
+        consumed.baro > pending_.baro.size() || consumed.parameters > pending_parameters_.size() ||
+        consumed.policy > pending_.goal.size()) {
         return false;
     }
     run(consumed);
@@ -214,6 +228,7 @@ void NavNode::run(const Consumed& consumed) {
     take(pending_.vehicle, frame_.vehicle, consumed.vehicle);
     take(pending_.command, frame_.command, consumed.command);
     take(pending_.baro, frame_.baro, consumed.baro);
+    take(pending_.goal, frame_.goal, consumed.policy);
     for (std::size_t i = 0; i < consumed.parameters; ++i) { refused_ += apply(pending_parameters_[i], parameters_); }
     pending_parameters_.drop_front(consumed.parameters);
     if (consumed.parameters > 0) { values_crc_ = parameter_values_crc(parameters_); }
@@ -227,6 +242,7 @@ void NavNode::run(const Consumed& consumed) {
     publish_nav(output, consumed, step_us);
     publish_odometry(frame_.scan.t_us, true);
     publish_maps(output);  // last: nobody flies by them
+    if (output.ask.t_us == output.t_us) { publish_ask(output); }   // after the tiles that it is about
 }
 
 void NavNode::publish_odometry(const std::int64_t t_us, const bool at_scan) {

@@ -2,7 +2,7 @@
 ///
 /// noctule-nav, the in-process bench and the replay all drive this same class, so that they compute the same.
 /// It collects samples until the inertial data has reached a scan's stamp, runs one Navigator::step, and publishes
-/// what the step returned: NAV, ODOM, then what only a watcher wants: GRID_TILE, WALLS, LEVELS. Between scans it publishes ODOM from the
+/// what the step returned: NAV, ODOM, then what only a watcher wants: GRID_TILE, WALLS, LEVELS, POLICY_ASK. Between scans it publishes ODOM from the
 /// output predictor every 20 ms of data time. Samples later than the scan stay for the next step. A PARAMETERS message
 /// takes effect between two steps; rows that need a restart keep the value they started with.
 /// Frames Map and Body (docs/frames.md), SI units. No heap, no clock, not thread-safe. All storage is inside.
@@ -22,6 +22,8 @@
 #include "lcmtypes/noctule/nav_t.hpp"
 #include "lcmtypes/noctule/odom_t.hpp"
 #include "lcmtypes/noctule/parameters_t.hpp"
+#include "lcmtypes/noctule/policy_ask_t.hpp"
+#include "lcmtypes/noctule/policy_goal_t.hpp"
 #include "lcmtypes/noctule/range_t.hpp"
 #include "lcmtypes/noctule/scan_t.hpp"
 #include "lcmtypes/noctule/vehicle_t.hpp"
@@ -45,6 +47,7 @@ struct Consumed {
     std::size_t command = 0;
     std::size_t baro = 0;
     std::size_t parameters = 0;
+    std::size_t policy = 0;
 };
 
 class NavNode {
@@ -63,6 +66,9 @@ public:
     [[nodiscard]] bool scan_waiting() const { return scan_waiting_; }
     /// A scan waits and the inertial data has reached its stamp.
     [[nodiscard]] bool step_due() const;
+
+    /// A policy outside was asked and its answer has not come. In lockstep the caller waits a while with the next step.
+    [[nodiscard]] bool answer_awaited() const { return asked_ > answered_; }
 
     /// Runs one step on the waiting scan with the samples up to its stamp. No effect when no scan waits.
     void step();
@@ -91,12 +97,14 @@ private:
     Input receive_vehicle(const std::uint8_t* bytes, std::size_t size);
     Input receive_command(const std::uint8_t* bytes, std::size_t size);
     Input receive_parameters(const std::uint8_t* bytes, std::size_t size);
+    Input receive_goal(const std::uint8_t* bytes, std::size_t size);
     Input receive_scan(const std::uint8_t* bytes, std::size_t size);
 
     void run(const Consumed& consumed);
     void publish_maps(const NavOutput& output);
     void publish_walls(const NavOutput& output);
     void publish_levels(const NavOutput& output);
+    void publish_ask(const NavOutput& output);
     void publish_nav(const NavOutput& output, const Consumed& consumed, float step_us);
     void publish_odometry(std::int64_t t_us, bool at_scan);
 
@@ -122,6 +130,8 @@ private:
     std::int32_t tile_seq_ = 0;
     std::int32_t walls_seq_ = 0;
     std::int32_t levels_seq_ = 0;
+    std::int32_t asked_ = 0;       ///< number of the newest request to a policy outside
+    std::int32_t answered_ = 0;    ///< newest request that an answer has come to
     std::uint32_t refused_ = 0;
     std::uint32_t scans_replaced_ = 0;
 

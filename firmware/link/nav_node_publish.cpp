@@ -84,6 +84,32 @@ void NavNode::publish_levels(const NavOutput& output) {
     publish(kChannelLevels, levels_message_);
 }
 
+void NavNode::publish_ask(const NavOutput& output) {
+    const PolicyAsk& ask = output.ask;
+    policy_ask_t message{};
+    message.t_us = output.t_us;
+    message.seq = asked_ = ask.number;
+    message.exploration = ask.exploration;
+    message.floor = output.floor;
+    message.x_m = ask.pose.x_m;
+    message.y_m = ask.pose.y_m;
+    message.yaw_rad = ask.pose.yaw_rad;
+    message.from_x_m = ask.from.x_m;
+    message.from_y_m = ask.from.y_m;
+    message.home_x_m = ask.home.x_m;
+    message.home_y_m = ask.home.y_m;
+    message.budget_cells = ask.budget_cells;
+    message.fate = ask.refused_now ? policy_ask_t::REFUSED : static_cast<std::int32_t>(ask.fate);
+    message.goal_valid = ask.goal_valid ? 1 : 0;
+    message.goal_x_m = ask.goal_x_m;
+    message.goal_y_m = ask.goal_y_m;
+    message.known_area_m2 = output.known_area_m2;
+    message.refused = static_cast<std::int32_t>(ask.refused);
+    message.verdict = static_cast<std::int32_t>(ask.verdict);
+    message.timeouts = static_cast<std::int32_t>(ask.timeouts);
+    publish(kChannelPolicyAsk, message);
+}
+
 void NavNode::publish_nav(const NavOutput& output, const Consumed& consumed, const float step_us) {
     nav_t& nav = nav_message_;
     const PlanarEstimate& planar = output.estimate.planar;
@@ -141,6 +167,10 @@ void NavNode::publish_nav(const NavOutput& output, const Consumed& consumed, con
     nav.command_used = static_cast<std::int32_t>(consumed.command);
     nav.baro_used = static_cast<std::int32_t>(consumed.baro);
     nav.parameters_used = static_cast<std::int32_t>(consumed.parameters);
+    nav.policy_used = static_cast<std::int32_t>(consumed.policy);
+    nav.policy = static_cast<std::int32_t>(output.policy);
+    nav.policy_refused = static_cast<std::int32_t>(output.ask.refused);
+    nav.policy_timeouts = static_cast<std::int32_t>(output.ask.timeouts);
     nav.values_crc = values_crc_;
     nav.step_us = step_us;
     publish(kChannelNav, nav);

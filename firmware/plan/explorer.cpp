@@ -26,7 +26,7 @@ constexpr float kLookAheadM = 1.0F;
 }  // namespace
 
 Explorer::Explorer(const Parameters& parameters)
-    : p_(parameters), where_(parameters), potential_(parameters), survey_(parameters), tour_(parameters), frontier_(parameters), paper_(parameters) {}
+    : p_(parameters), where_(parameters), potential_(parameters), survey_(parameters), tour_(parameters), frontier_(parameters), paper_(parameters), external_(parameters) {}
 
 void Explorer::observe(const OccupancyGrid& grid, const Pose2<Map, Body>& pose, const std::int64_t t_us) {
     where_.reopen(t_us);
@@ -34,28 +34,36 @@ void Explorer::observe(const OccupancyGrid& grid, const Pose2<Map, Body>& pose, 
 }
 
 Policy& Explorer::chosen() {
-    switch (static_cast<PolicyKind>(p_.policy)) {
+    switch (kind_) {
         case PolicyKind::frontier:
             return frontier_;
         case PolicyKind::paper:
             return paper_;
+        case PolicyKind::external:
+            return external_;
         case PolicyKind::tour:
             break;
     }
     return tour_;
 }
 
+void Explorer::choose(const PolicyKind kind) {
+    kind_ = kind == PolicyKind::external && external_.given_up() ? PolicyKind::tour : kind;
+    survey_.begin();
+    policy_ = &chosen();
+    policy_->begin(home_);
+    goal_ = Goal{};
+    field_due_ = field_started_ = false;
+}
+
 void Explorer::begin(const Pose2<Map, Body>& home) {
     home_ = home;
-    goal_ = Goal{};
     fate_ = GoalFate::under_way;
     fields_[0].clear();
     fields_[1].clear();
     potential_.restart();
-    survey_.begin();
-    policy_ = &chosen();
-    policy_->begin(home);
-    field_due_ = field_started_ = has_way_ = blocked_ = detour_ = false;
+    choose(static_cast<PolicyKind>(p_.policy));
+    has_way_ = blocked_ = detour_ = false;
     where_.reopen_all();
     left_ = Past{};
     goals_ = back_and_forth_ = 0;
@@ -153,6 +161,7 @@ void Explorer::explore(const OccupancyGrid& grid, const Pose2<Map, Body>& pose, 
                        const Soundings* const soundings) {
     if (goal_.to_place) { goal_ = Goal{}; }
     if (policy_ == nullptr) { begin(home_); }
+    if (policy_ == &external_ && external_.given_up()) { choose(PolicyKind::tour); }
     const bool busy = field_due_;
     if (busy) { find_way(grid, from, t_us); }
     if (goal_.valid && !field_due_ && goal_.answer.path == nullptr && fate_ == GoalFate::under_way && stuck(grid, pose, t_us)) {

@@ -10,6 +10,7 @@
 #include "map/occupancy_grid.hpp"
 #include "params.gen.hpp"
 #include "plan/cost_field.hpp"
+#include "plan/external_policy.hpp"
 #include "plan/frontier_policy.hpp"
 #include "plan/paper_policy.hpp"
 #include "plan/policy.hpp"
@@ -31,6 +32,9 @@ public:
 
     /// A new exploration begins: forgets goals and tried places.
     void begin(const Pose2<Map, Body>& home);
+
+    /// An answer of the policy outside arrived; taken up by the next explore().
+    void hear(const GoalSample& answer) { external_.post(answer); }
 
     /// One step of exploring: fills path and yaw of the target. `from` is the last setpoint, `pose` the estimate. `soundings`: openings are looked for as well.
     void explore(const OccupancyGrid& grid, const Pose2<Map, Body>& pose, const Pose2<Map, Body>& from, std::int64_t t_us, Target& target,
@@ -60,6 +64,9 @@ public:
     [[nodiscard]] const Survey& survey() const { return survey_; }
     [[nodiscard]] const CostField& field() const { return fields_[flown_]; }   ///< of the goal that is flown to
     [[nodiscard]] const PaperPolicy& paper() const { return paper_; }
+    [[nodiscard]] const ExternalPolicy& external() const { return external_; }
+    /// Who decides, of this exploration.
+    [[nodiscard]] PolicyKind kind() const { return kind_; }
 
     struct Counters {
         PolicyCounters policy;
@@ -84,6 +91,7 @@ private:
         bool open = false;        ///< its unknown was still there
     };
     [[nodiscard]] Policy& chosen();
+    void choose(PolicyKind kind);
     void take(const OccupancyGrid& grid, const PolicyAnswer& answer);
     void begin_field(const OccupancyGrid& grid);
     /// One slice; true: the field of the goal is complete.
@@ -106,6 +114,8 @@ private:
     TourPolicy tour_;
     FrontierPolicy frontier_;
     PaperPolicy paper_;
+    ExternalPolicy external_;
+    PolicyKind kind_ = PolicyKind::tour;
     Policy* policy_ = nullptr;   ///< the one of this exploration
     Goal goal_;
     GoalFate fate_ = GoalFate::under_way;

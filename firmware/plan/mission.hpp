@@ -82,6 +82,11 @@ public:
     [[nodiscard]] bool goal(float& x_m, float& y_m) const;
     [[nodiscard]] const Explorer& explorer() const { return explorer_; }
     [[nodiscard]] const FloorPlanner& floors() const { return floors_; }
+    /// Before step(): what a policy outside answered.
+    template <std::size_t N>
+    void hear(const Bounded<GoalSample, N>& answers) {
+        for (const GoalSample& answer : answers) { explorer_.hear(answer); }
+    }
     /// Every step before step(): what the ranges see over and under the vehicle.
     void see(const Estimate& estimate, const SensorFrame& frame, const LevelScan& scan, const OccupancyGrid& grid) {
         floors_.observe(estimate, frame, scan, grid);

@@ -1,4 +1,4 @@
-/// What decides where to look next: one class, three ways of doing it.
+/// What decides where to look next: one class, four ways of doing it.
 ///
 /// A policy is asked once a step with a view of the map, the pose and a budget, and answers with a goal and where to look from
 /// there. It sees nothing else of the vehicle and moves nothing: the explorer finds the way and flies it. An answer may be
@@ -25,6 +25,7 @@ enum class PolicyKind : std::int32_t {
     tour = 0,      ///< the default: open tour over all that is left
     frontier = 1,  ///< nearest frontier, the baseline
     paper = 2,     ///< windowed harmonic potential as published
+    external = 3,  ///< another process (external_policy.hpp)
 };
 
 /// What became of the goal answered last.

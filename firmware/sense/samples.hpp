@@ -75,6 +75,18 @@ struct CommandSample {
     Order order = Order::none;
 };
 
+/// What a policy outside answered. Frame Map. Values of kind as in policy_goal_t.lcm.
+struct GoalSample {
+    enum class Kind : std::int32_t { nothing = 0, goal = 1, finished = 2, failed = 3 };
+    std::int64_t t_us = 0;   ///< of the step that asked
+    std::int32_t ask = 0;    ///< number of the request
+    Kind kind = Kind::nothing;
+    float x_m = 0.0F;
+    float y_m = 0.0F;
+    float look_x_m = 0.0F;
+    float look_y_m = 0.0F;
+};
+
 /// Everything that arrived since the step before, in order of arrival, and the scan that ends it.
 struct SensorFrame {
     Bounded<ImuSample, kMaxImuPerStep> imu;
@@ -84,6 +96,7 @@ struct SensorFrame {
     Bounded<BaroSample, kMaxBaroPerStep> baro;
     Bounded<VehicleSample, kMaxVehiclePerStep> vehicle;
     Bounded<CommandSample, kMaxCommandPerStep> command;
+    Bounded<GoalSample, kMaxGoalPerStep> goal;
     Scan scan;
 };
 

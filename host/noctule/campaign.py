@@ -24,7 +24,7 @@ from pathlib import Path
 
 from noctule import record
 from noctule.processes import PR_SET_PDEATHSIG
-from noctule.settings import DEFAULT_MAX_TIME_S, POLICIES, PRESETS, PROFILES, FlightSettings, InputError, parameter_row
+from noctule.settings import DEFAULT_MAX_TIME_S, POLICIES, PRESETS, PROFILES, FlightSettings, InputError, parameter_row, policy_choice
 
 FOLDER = Path("runs") / "campaign"
 TRIES = 2                    # a flight whose process dies is flown once more: it may have been killed from outside
@@ -74,8 +74,9 @@ class Campaign:
 
     def settings(self, trial: Trial, out: Path) -> FlightSettings:
         """What the flight is asked to be."""
+        policy, policy_class = policy_choice(trial.policy)
         return FlightSettings(world=trial.world, seed=trial.seed, out=out, camera=False, max_time_s=self.max_time_s, preset=self.preset,
-                              profile=self.profile, parameters={**dict(trial.values), "policy": POLICIES.index(trial.policy)})
+                              profile=self.profile, parameters={**dict(trial.values), "policy": policy}, policy_class=policy_class)
 
 
 def _numbers(name: str, values, kind) -> list:
@@ -120,8 +121,7 @@ def read(path: Path) -> Campaign:
                     raise InputError(f"{name}: {value:g} is outside {row.min:g} to {row.max:g}")
         policies = [str(p) for p in told.get("policies", POLICIES[:1])]
         for policy in policies:
-            if policy not in POLICIES:
-                raise InputError(f"no policy '{policy}'; there are {', '.join(POLICIES)}")
+            policy_choice(policy)
         campaign = Campaign(str(told.get("name", path.stem)), worlds, _numbers("seeds", told["seeds"], int), policies, parameters,
                             str(told.get("preset", "default")), str(told.get("profile", "default")),
                             float(told.get("max_time_s", DEFAULT_MAX_TIME_S)))

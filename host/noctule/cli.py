@@ -8,8 +8,8 @@ import math
 import sys
 from pathlib import Path
 
-from noctule.settings import (AUTOPILOTS, DEFAULT_MAX_TIME_S, EXIT_SKIPPED, POLICIES, PRESETS, PROFILES, REAL_AUTOPILOTS,
-                              FlightSettings, InputError, SkippedFlight, parse_fault, parse_parameter)
+from noctule.settings import (AUTOPILOTS, DEFAULT_MAX_TIME_S, EXIT_SKIPPED, PRESETS, PROFILES, REAL_AUTOPILOTS,
+                              FlightSettings, InputError, SkippedFlight, parse_fault, parse_parameter, policy_choice)
 
 ABOUT = """\
 Noctule flies a micro-aerial vehicle through a building it has never seen, maps it, and comes home.
@@ -151,7 +151,8 @@ def parser() -> argparse.ArgumentParser:
                      help="set a tunable, by name or MAVLink id (docs/parameters.md); may be repeated")
     fly.add_argument("--preset", choices=PRESETS, default="default", help="set of tunables to begin with; paper: as published")
     fly.add_argument("--profile", choices=PROFILES, default="default", help="how good the sensors are")
-    fly.add_argument("--policy", choices=POLICIES, help="who decides where to look next (default: the preset's; tour unless --preset paper)")
+    fly.add_argument("--policy", metavar="NAME", help="who decides where to look next: tour, frontier, paper, or package.module:Class, "
+                                                      "one in Python (docs/extending.md; default: the preset's, tour unless --preset paper)")
     fly.add_argument("--fault", action=_Plain, check=parse_fault, default=[], metavar="NAME@T",
                      help="inject a fault at T simulated seconds (for instance odometry-cut@40); may be repeated")
     fly.add_argument("--log-images", action="store_true", help="record the camera's images (46 MB a minute and more)")
@@ -199,6 +200,12 @@ def parser() -> argparse.ArgumentParser:
     many.add_argument("--workers", type=_workers, metavar="N", help="flights at a time (default: one a core)")
     many.add_argument("--scheduler", metavar="ADDRESS", help="fly on a cluster: address of a Dask scheduler, for instance tcp://host:8786")
 
+    paper = commands.add_parser("paper", help="the published test set-ups, figure by figure",
+                                description="Runs every test set-up of the paper with the preset `paper`, draws its figures again and sets each published "
+                                            "number beside ours: DIR/paper.md and DIR/pictures/paper/. Half an hour on two cores; docs/paper.md is such a page.")
+    paper.add_argument("--out", type=Path, default=Path("runs") / "paper", metavar="DIR", help="where to (default runs/paper)")
+    paper.add_argument("--quick", action="store_true", help="fewer seeds and shorter flights; ends in 5 minutes")
+
     export = commands.add_parser("export", help="write a run in the forms that other tools read", description=EXPORT,
                                  formatter_class=argparse.RawDescriptionHelpFormatter)
     export.add_argument("run", type=Path, metavar="RUN", help="run directory")
@@ -236,11 +243,12 @@ def _fly(options) -> int:
     from noctule import flight
 
     parameters = dict(options.param)
+    policy_class = None
     if options.policy is not None:
-        parameters["policy"] = POLICIES.index(options.policy)
+        parameters["policy"], policy_class = policy_choice(options.policy)
     settings = FlightSettings(world=options.world, seed=options.seed, out=options.out, realtime=options.realtime,
                               camera=options.camera, max_time_s=options.max_time, parameters=parameters,
-                              preset=options.preset, profile=options.profile, faults=options.fault,
+                              preset=options.preset, policy_class=policy_class, profile=options.profile, faults=options.fault,
                               log_images=options.log_images, autopilot=options.autopilot,
                               real=None if options.real == "builtin" else options.real,
                               autopilot_binary=options.autopilot_binary, connect=options.connect)
@@ -294,6 +302,13 @@ def _campaign(options) -> int:
     print((folder / "summary.txt").read_text(encoding="utf-8"), end="")
     print(f"{folder}: flights.csv, summary.json, summary.txt, paths-*.png")
     return 1 if any(report["outcome"] == "broken" for report in reports.values()) else 0
+
+
+def _paper(options) -> int:
+    from noctule import paper_page
+
+    print(paper_page.make(options.out, options.quick))
+    return 0
 
 
 def _export(options) -> int:
@@ -362,7 +377,7 @@ def _calibrate(options) -> int:
 def main(arguments=None) -> int:
     """Runs the command; returns its exit code."""
     options = parser().parse_args(arguments)
-    action = {"fly": _fly, "worlds": _worlds, "bench": _bench, "replay": _replay, "report": _report, "export": _export, "campaign": _campaign,
+    action = {"fly": _fly, "worlds": _worlds, "bench": _bench, "replay": _replay, "report": _report, "export": _export, "paper": _paper, "campaign": _campaign,
               "compare": _compare, "objects": _objects, "atlas": _atlas, "calibrate": _calibrate}[options.command]
     try:
         return action(options)

@@ -14,6 +14,7 @@ from pathlib import Path
 
 from noctule import record, report, score
 from noctule.ground import GroundStation
+from noctule.policy_host import READY, WAIT_S
 from noctule.processes import (Child, PortLock, end_all, find_program, build_folder, lcm_url, multicast_problem,
                                need_program)
 from noctule.score import ExploredScore, StartPose
@@ -24,6 +25,7 @@ START_S = 3.0                # autopilot time of the start: late enough for ever
 REAL_START_S = 20.0          # a real autopilot first boots and finds its position
 BRIDGE_WAIT_S = 10.0         # wall time
 RECORDER_WAIT_S = 10.0       # wall time
+POLICY_WAIT_S = 60.0         # wall time
 NOT_STARTED_S = 90.0         # simulated time after which a mission that has not armed is given up
 AFTER_LANDING_S = 5.0        # wall time that the simulator has to end by itself
 SILENCE_S = 60.0             # wall time without a step or an end after which a flight is given up
@@ -259,7 +261,7 @@ class Flight:
 
     def _write_settings(self, camera: bool, wall_time_s: float) -> None:
         s = self.settings
-        content = {"world": self.world.name, "seed": s.seed, "profile": s.profile, "preset": s.preset,
+        content = {"world": self.world.name, "seed": s.seed, "profile": s.profile, "preset": s.preset, "policy_class": s.policy_class,
                    "autopilot": s.autopilot, "real_autopilot": s.real, "parameters": s.parameters, "faults": s.faults, "camera": camera,
                    "realtime": s.realtime, "max_time_s": s.max_time_s, "wall_time_s": wall_time_s,
                    "date": datetime.datetime.now(datetime.timezone.utc).isoformat(timespec="seconds"),
@@ -278,11 +280,12 @@ class Flight:
         watchers = PortLock.folder() / f"{GROUND_PORT}.claim"
         if self._claim_watchers(watchers):
             bridge += ["--ground", f"udpout:127.0.0.1:{GROUND_PORT}"]
+        nav_more = self._start_policy(url, parameters)
         counter = build_folder() / "lib" / "libnoctule_heap_count.so"
         counted = {"LD_PRELOAD": str(counter)} if counter.is_file() else None
         self._start_child("noctule-bridge", [programs["noctule-bridge"], *bridge, "--stats", self.folder / "log" / "bridge-stats.json"], counted)
         self._start_child("noctule-nav", [programs["noctule-nav"], "--parameters", parameters, "--lcm-url", url,
-                                          "--stats", self.folder / "log" / "nav-stats.json", "--atlas", self.folder / "atlas"],
+                                          "--stats", self.folder / "log" / "nav-stats.json", "--atlas", self.folder / "atlas", *nav_more],
                           counted)
         if camera:
             from noctule_sim.camera import write_calibration
@@ -303,6 +306,20 @@ class Flight:
                                 {"MUJOCO_GL": "egl"})
         self._follow(station, follower, sim)
         return begin
+
+    def _start_policy(self, url: str, parameters: Path) -> list:
+        """The process of a policy in Python, where one was asked for; what noctule-nav must be told of it."""
+        if not self.settings.policy_class:
+            return []
+        child = self._start_child("policy", [sys.executable, "-u", "-m", "noctule.policy_host", self.settings.policy_class, "--parameters", parameters, "--lcm-url", url])
+        deadline = time.monotonic() + POLICY_WAIT_S
+        while child.running and READY not in child.last_line():
+            if time.monotonic() > deadline:
+                raise InputError(f"--policy {self.settings.policy_class}: not ready after {POLICY_WAIT_S:g} s ({child.log})")
+            time.sleep(0.02)
+        if not child.running:
+            raise InputError(f"--policy {self.settings.policy_class}: {child.last_line()}")
+        return [] if self.settings.realtime else ["--policy-wait-ms", round(1000 * WAIT_S)]
 
     def _claim_watchers(self, path: Path) -> bool:
         # Only one flight at a time shows itself to the ground stations of the machine.
@@ -358,16 +375,18 @@ class Flight:
         return True
 
     def _report_dead(self) -> bool:
-        """Tells once of each child that has died; True if one of the flight's own has."""
+        """Tells once of each child that has died; True if one has that the flight cannot do without."""
         dead = False
         for child in self.children:
             if child.name == "noctule-sim" or child.running:
                 continue
-            dead = True
+            ours = child.name != "policy"      # the flight goes on without that one
+            dead = dead or ours
             if not child.told:
                 child.told = True
                 line = child.last_line()
-                self.died = self.died or f"{child.name} ended with {child.how_it_ended()}" + (f": {line}" if line else "")
+                if ours:
+                    self.died = self.died or f"{child.name} ended with {child.how_it_ended()}" + (f": {line}" if line else "")
                 self.progress.say(f"{child.name} ended with {child.how_it_ended()}" + (f": {line}" if line else "")
                                   + f" (log/{child.log.name})")
         return dead
@@ -414,7 +433,7 @@ class Flight:
         """Ends the simulator first, so that the log is complete, then the others, the recorders last."""
         if self.interrupted:
             self.progress.say("stopping")
-        order = (("noctule-sim",), ("noctule-nav", "noctule-vision"), ("noctule-bridge",),
+        order = (("noctule-sim",), ("noctule-nav", "noctule-vision"), ("noctule-bridge", "policy"),
                  ("recorder", "recorder-camera"))
         forced = []
         for names in order:

@@ -40,7 +40,7 @@ def _load():
     library.noctule_set_parameter.argtypes = [ctypes.c_void_p, ctypes.c_char_p, ctypes.c_double]
     for name in ("noctule_receive", "noctule_hold"):
         getattr(library, name).argtypes = [ctypes.c_void_p, ctypes.c_char_p, ctypes.c_char_p, ctypes.c_size_t]
-    library.noctule_step_with.argtypes = [ctypes.c_void_p] + [ctypes.c_int] * 8
+    library.noctule_step_with.argtypes = [ctypes.c_void_p] + [ctypes.c_int] * 9
     library.noctule_next.argtypes = [ctypes.c_void_p, ctypes.POINTER(ctypes.c_char_p), ctypes.POINTER(ctypes.c_void_p)]
     library.noctule_next.restype = ctypes.c_size_t
     library.noctule_explorer_counters.argtypes = [ctypes.c_void_p, ctypes.POINTER(ctypes.c_uint32)]
@@ -94,9 +94,9 @@ class Node:
         """As receive, but a step runs only through step_with (replay)."""
         return INPUT[Node._library.noctule_hold(self._handle, channel.encode(), message, len(message))]
 
-    def step_with(self, imu, attitude, range_up, range_down, vehicle, command, baro=0, parameters=0):
+    def step_with(self, imu, attitude, range_up, range_down, vehicle, command, baro=0, parameters=0, policy=0):
         """Runs the step of the waiting scan with so many samples. False: fewer are there, nothing was done."""
-        return Node._library.noctule_step_with(self._handle, imu, attitude, range_up, range_down, vehicle, command, baro, parameters) == 1
+        return Node._library.noctule_step_with(self._handle, imu, attitude, range_up, range_down, vehicle, command, baro, parameters, policy) == 1
 
     def explorer(self):
         """Counters of the exploration so far: dict of report.EXPLORER_COUNTERS."""

@@ -18,6 +18,7 @@ import numpy as np
 
 from noctule import record, report
 from noctule.inprocess import Node, navigator_bytes
+from noctule.policy_host import Peer
 from noctule.settings import FlightSettings, parameter_values, parameters_toml
 from noctule_sim.autopilot import Landed, Mode
 from noctule_sim.simulation import OdometryIn, SetpointIn, Simulation, TickData
@@ -100,14 +101,14 @@ class _Encoder:
 class Eye:
     """noctule-vision's part in a flight: frames in, objects.db and camera.lcm out."""
 
-    def __init__(self, folder: Path, log_images: bool):
+    def __init__(self, folder: Path, log_images: bool, parameters: dict[str, float]):
         from noctule.vision_abi import Vision
         from noctule_sim.camera import write_calibration
 
         write_calibration(folder / "camera.yaml")
         for name in ("objects.db", "objects.db-wal", "objects.db-shm"):
             (folder / name).unlink(missing_ok=True)
-        self._vision = Vision(folder / "objects.db", folder / "camera.yaml")
+        self._vision = Vision(folder / "objects.db", folder / "camera.yaml", parameters=parameters)
         self._log = lcm.EventLog(str(folder / "camera.lcm"), "w", overwrite=True)
         self._log_images = log_images
         self._frames = 0
@@ -184,23 +185,26 @@ def fly(settings: FlightSettings, world, folder: Path) -> dict:
     faults = {name: float(t) for name, _, t in (f.partition("@") for f in settings.faults)}
     simulation = Simulation(world, settings.seed, settings.profile, values, camera=settings.camera, flavour=settings.autopilot, faults=faults,
                             max_time_s=settings.max_time_s)
-    eye = Eye(folder, settings.log_images) if settings.camera else None
+    eye = Eye(folder, settings.log_images, values) if settings.camera else None
+    policy = Peer(settings.policy_class, folder / "parameters.toml", folder / "log" / "policy.txt") if settings.policy_class else None
     begin = time.monotonic()
     log = lcm.EventLog(str(folder / "flight.lcm"), "w", overwrite=True)
     try:
         with Node(values) as node, (folder / "truth.csv").open("w", newline="", encoding="utf-8") as truth:
-            steps_us = _loop(simulation, node, log, csv.writer(truth), eye)
+            steps_us = _loop(simulation, node, log, csv.writer(truth), eye, policy)
             explorer = node.explorer()
     finally:
         if eye is not None:
             eye.close()
+        if policy is not None:
+            policy.close()
         log.close()
         simulation.close()
     _write_ends(folder, settings, world, simulation, steps_us, explorer, time.monotonic() - begin)
     return report.write(folder)
 
 
-def _loop(simulation: Simulation, node: Node, log, truth, eye=None) -> list[float]:
+def _loop(simulation: Simulation, node: Node, log, truth, eye=None, policy=None) -> list[float]:
     """Ticks until the simulation has an outcome; returns the step times [us]."""
     encoder, starter = _Encoder(simulation), _Starter()
     nav_type, odom_type = record.message_type("nav_t"), record.message_type("odom_t")
@@ -239,7 +243,9 @@ def _loop(simulation: Simulation, node: Node, log, truth, eye=None) -> list[floa
         setpoint, odometries = None, []
         for channel, message in node.outputs():
             log.write_event(simulation.t_us, channel, message)
-            if channel == "NAV":
+            if policy is not None and channel in ("GRID_TILE", "POLICY_ASK"):
+                policy.send(channel, message)
+            elif channel == "NAV":
                 nav = nav_type.decode(message)
                 if eye is not None:
                     eye.receive(channel, message)
@@ -251,6 +257,8 @@ def _loop(simulation: Simulation, node: Node, log, truth, eye=None) -> list[floa
                 o = odom_type.decode(message)
                 odometries.append(OdometryIn(o.t_us, o.x_m, o.y_m, o.z_m, o.vx_m_s, o.vy_m_s, o.vz_m_s, o.yaw_rad, o.quality,
                                              o.reset_counter & 0xFF))
+        for answer in policy.answers() if policy is not None else ():
+            send("POLICY_GOAL", answer)
         if eye is not None and data.image is not None:
             eye.see(*data.image, simulation.t_us)
         simulation.apply(setpoint, odometries)
@@ -271,7 +279,7 @@ def _write_ends(folder: Path, settings: FlightSettings, world, simulation: Simul
                                                 "max": float(times.max())},
              "navigator_bytes": navigator_bytes(), "rss_kib": None, "heap_allocations_after_start": None, "explorer": explorer}
     (folder / "log" / "nav-stats.json").write_text(json.dumps(stats) + "\n", encoding="utf-8")
-    run = {"world": world.name, "seed": settings.seed, "profile": settings.profile, "preset": settings.preset,
+    run = {"world": world.name, "seed": settings.seed, "profile": settings.profile, "preset": settings.preset, "policy_class": settings.policy_class,
            "autopilot": settings.autopilot, "parameters": settings.parameters, "faults": settings.faults, "camera": settings.camera,
            "realtime": False, "max_time_s": settings.max_time_s, "wall_time_s": wall_s,
            "date": datetime.datetime.now(datetime.timezone.utc).isoformat(timespec="seconds"), "interrupted": False,

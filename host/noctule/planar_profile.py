@@ -9,7 +9,7 @@ estimate is the firmware's (localise.py). Frames: plan (World), Map, Body; SI.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -187,6 +187,7 @@ class Errors:
     lost_at: np.ndarray           # (K,) bool: quality -1
     resets: int
     counters: dict[str, int]
+    poses: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))   # (K, 3): x, y, yaw in Map, as estimated
 
     @property
     def lost(self) -> int:
@@ -220,4 +221,4 @@ def localise(flown: Flown, parameters: dict[str, float] | None = None) -> Errors
         p[:, a, b] = p[:, b, a] = upper[:, n]
     nees = np.einsum("ki,ki->k", error, np.linalg.solve(p, error[:, :, None])[:, :, 0])
     return Errors(np.hypot(error[:, 0], error[:, 1]), np.abs(error[:, 2]), nees, np.array([s.localise_ns for s in steps]) * 1e-3,
-                  np.array([s.quality < 0 for s in steps]), steps[-1].reset_counter, counters)
+                  np.array([s.quality < 0 for s in steps]), steps[-1].reset_counter, counters, poses)

@@ -19,7 +19,7 @@ import numpy as np
 NAV_FLOATS = ("x_m", "y_m", "z_m", "yaw_rad", "vx_m_s", "vy_m_s", "vz_m_s", "ground_z_m", "ceiling_z_m",
               "known_area_m2", "clearance_m", "step_us", "roll_rad", "pitch_rad", "setpoint_x_m", "setpoint_y_m", "setpoint_z_m")
 NAV_INTEGERS = ("t_us", "state", "reason", "floor", "quality", "reset_counter", "guard_interventions", "guard_rule",
-                "landmarks", "refused_samples", "setpoint_valid")
+                "landmarks", "refused_samples", "setpoint_valid", "policy", "policy_refused", "policy_timeouts")
 TEXT_COLUMNS = ("mode",)
 TRUTH_REQUIRED = ("t_s", "x_m", "y_m", "z_m", "yaw_rad", "armed")
 

@@ -18,9 +18,9 @@ import numpy as np
 
 from noctule.record import RecordError, message_type
 
-INPUTS = ("SCAN", "IMU", "ATTITUDE", "RANGE_UP", "RANGE_DOWN", "VEHICLE", "COMMAND", "BARO", "PARAMETERS")
-OUTPUTS = {"NAV": "nav_t", "ODOM": "odom_t", "GRID_TILE": "grid_tile_t", "WALLS": "walls_t", "LEVELS": "levels_t"}
-USED = ("imu_used", "attitude_used", "range_up_used", "range_down_used", "vehicle_used", "command_used", "baro_used", "parameters_used")
+INPUTS = ("SCAN", "IMU", "ATTITUDE", "RANGE_UP", "RANGE_DOWN", "VEHICLE", "COMMAND", "BARO", "PARAMETERS", "POLICY_GOAL")
+OUTPUTS = {"NAV": "nav_t", "ODOM": "odom_t", "GRID_TILE": "grid_tile_t", "WALLS": "walls_t", "LEVELS": "levels_t", "POLICY_ASK": "policy_ask_t"}
+USED = ("imu_used", "attitude_used", "range_up_used", "range_down_used", "vehicle_used", "command_used", "baro_used", "parameters_used", "policy_used")
 MAGIC = b"\xed\xa1\xda\x01"
 STEP_US_BYTES = 4            # NAV ends with step_us, the only field that equal runs may differ in
 PATIENCE = 3                 # steps: samples that are not in the log by then are lost

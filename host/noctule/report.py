@@ -13,6 +13,7 @@ import numpy as np
 
 from noctule import atlas, draw, map_score, objects, record, score
 from noctule.score import ExploredScore, StartPose
+from noctule.settings import EXTERNAL_POLICY, POLICIES
 
 EXPLORER_COUNTERS = ("goals", "switches", "back_and_forth", "in_vain", "stuck", "passes")   # of noctule-nav's statistics
 
@@ -213,6 +214,18 @@ def levels_found(levels, true_levels_m: list[float]) -> list[dict]:
             for i, m in zip(order, matches)]
 
 
+def policy_told(settings: dict, nav) -> dict | None:
+    """Who decided where to look, and how a policy in a process of its own did; None before the first step of exploring."""
+    asked = np.flatnonzero(nav["policy"] == EXTERNAL_POLICY)
+    if not nav["t_us"].size:
+        return None
+    after = np.flatnonzero(nav["policy"] != EXTERNAL_POLICY)
+    after = after[after > asked[-1]] if asked.size else after[:0]
+    name = settings.get("policy_class") or ("another process" if asked.size else POLICIES[int(nav["policy"][-1])])
+    return {"name": name, "refused": int(nav["policy_refused"][-1]), "timeouts": int(nav["policy_timeouts"][-1]),
+            "given_up_s": _number(nav["t_us"][after[0]] * 1e-6, 3) if after.size else None}
+
+
 def build(run: Run) -> tuple[dict, score.PoseErrors, list[tuple[float, float]]]:
     """report.json's content, the error series and the explored share over time."""
     settings, sim, stats, nav, truth = run.settings, run.sim, run.stats, run.flight.nav, run.truth
@@ -259,6 +272,7 @@ def build(run: Run) -> tuple[dict, score.PoseErrors, list[tuple[float, float]]]:
         "memory": {"navigator_bytes": whole(stats.get("navigator_bytes")), "rss_kib": whole(stats.get("rss_kib")),
                    "heap_allocations_after_start": _heap(stats, record.read_json(run.folder / "log" / "bridge-stats.json"))},
         "explorer": ({k: whole(stats["explorer"].get(k)) for k in EXPLORER_COUNTERS} if stats.get("explorer") else None),
+        "policy": policy_told(settings, nav),
         "guard_interventions": int(nav["guard_interventions"][-1]) if nav["t_us"].size else 0,
         "camera": bool(settings.get("camera", False)),
         "profile": settings.get("profile", "default"),

@@ -9,6 +9,7 @@ from pathlib import Path
 PROFILES = ("ideal", "default", "harsh")
 PRESETS = ("default", "paper")
 POLICIES = ("tour", "frontier", "paper")       # in the order of the parameter's values
+EXTERNAL_POLICY = 3                            # the parameter's value for a policy in a process of its own
 AUTOPILOTS = ("px4", "ardupilot")              # flavours of the built-in one
 REAL_AUTOPILOTS = ("ardupilot", "px4")
 EXIT_SKIPPED = 77                              # the real autopilot's program is not there: nothing was flown
@@ -34,6 +35,7 @@ class FlightSettings:
     camera: bool = True
     max_time_s: float = DEFAULT_MAX_TIME_S
     parameters: dict[str, float] = field(default_factory=dict)
+    policy_class: str | None = None     # package.module:Class: a policy in Python, in a process of its own
     preset: str = "default"
     profile: str = "default"
     faults: list[str] = field(default_factory=list)
@@ -42,6 +44,22 @@ class FlightSettings:
     real: str | None = None             # one of REAL_AUTOPILOTS: flown by that instead
     autopilot_binary: Path | None = None
     connect: str | None = None          # the real one runs already: where its MAVLink is
+
+
+def policy_choice(name: str) -> tuple[int, str | None]:
+    """Value of the parameter `policy` and class in Python of tour, frontier, paper or package.module:Class.
+
+    Raises:
+        InputError: neither; one line.
+    """
+    if name in POLICIES:
+        return POLICIES.index(name), None
+    if ":" not in name:
+        raise InputError(f"no policy '{name}'; there are {', '.join(POLICIES)}, or package.module:Class for one in Python (docs/extending.md)")
+    from noctule.policy_host import load
+
+    load(name)
+    return EXTERNAL_POLICY, name
 
 
 def parameter_row(name: str):

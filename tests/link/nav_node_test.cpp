@@ -134,11 +134,11 @@ static void between_scans_odometry_leaves_every_twenty_milliseconds() {
 static void garbage_is_refused_and_counted_and_changes_nothing() {
     Bench bench;
     const std::uint8_t garbage[32] = {1, 2, 3};
-    for (const char* channel : {kChannelImu, kChannelScan, kChannelAttitude, kChannelRangeUp, kChannelRangeDown, kChannelVehicle, kChannelCommand}) {
+    for (const char* channel : {kChannelImu, kChannelScan, kChannelAttitude, kChannelRangeUp, kChannelRangeDown, kChannelVehicle, kChannelCommand, kChannelPolicyGoal}) {
         TEST_ASSERT_EQUAL(Input::rejected_malformed, bench.node->receive(channel, garbage, sizeof garbage));
         TEST_ASSERT_EQUAL(Input::rejected_malformed, bench.node->receive(channel, garbage, 0));
     }
-    TEST_ASSERT_EQUAL_UINT32(14, bench.node->refused());
+    TEST_ASSERT_EQUAL_UINT32(16, bench.node->refused());
     TEST_ASSERT_EQUAL(Input::other_channel, bench.node->receive("ELSE", garbage, sizeof garbage));
     command_t order{};
     order.command = 99;
@@ -187,6 +187,22 @@ static void barometer_samples_wait_for_their_step_and_are_counted() {
     TEST_ASSERT_EQUAL_UINT32(1, bench.node->refused());
 }
 
+static void answers_of_a_policy_outside_are_taken_up_by_the_next_step_and_counted() {
+    Bench bench;
+    policy_goal_t answer{};
+    answer.kind = policy_goal_t::GOAL;
+    for (std::size_t i = 0; i < kMaxGoalPerStep; ++i) { TEST_ASSERT_EQUAL(Input::accepted, bench.send(kChannelPolicyGoal, answer)); }
+    TEST_ASSERT_EQUAL(Input::refused_full, bench.send(kChannelPolicyGoal, answer));
+    static_cast<void>(bench.imu(100000));
+    static_cast<void>(bench.scan(100000, 0));
+    Consumed consumed;
+    consumed.policy = kMaxGoalPerStep + 1U;
+    TEST_ASSERT_FALSE(bench.node->step_with(consumed));
+    bench.node->step();
+    TEST_ASSERT_EQUAL(kMaxGoalPerStep, bench.box.nav.policy_used);
+    TEST_ASSERT_FALSE(bench.node->answer_awaited());   // nothing is explored: nothing was asked
+}
+
 static void replay_obeys_the_counts_of_the_log() {
     Bench bench;
     for (std::int64_t t_us = 4000; t_us <= 100000; t_us += 4000) { static_cast<void>(bench.imu(t_us)); }
@@ -212,6 +228,7 @@ int main() {
     RUN_TEST(a_repeated_scan_is_refused_and_a_newer_one_replaces_the_waiting_one);
     RUN_TEST(a_full_queue_refuses_the_newest);
     RUN_TEST(barometer_samples_wait_for_their_step_and_are_counted);
+    RUN_TEST(answers_of_a_policy_outside_are_taken_up_by_the_next_step_and_counted);
     RUN_TEST(replay_obeys_the_counts_of_the_log);
     return UNITY_END();
 }

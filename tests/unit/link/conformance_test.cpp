@@ -13,6 +13,8 @@
 #include "lcmtypes/noctule/command_t.hpp"
 #include "lcmtypes/noctule/imu_t.hpp"
 #include "lcmtypes/noctule/odom_t.hpp"
+#include "lcmtypes/noctule/policy_ask_t.hpp"
+#include "lcmtypes/noctule/policy_goal_t.hpp"
 #include "lcmtypes/noctule/range_t.hpp"
 #include "lcmtypes/noctule/vehicle_t.hpp"
 
@@ -111,6 +113,23 @@ static void odom() {
     TEST_ASSERT_EQUAL_INT32(300, m.reset_counter);
 }
 
+static void policy_ask() {
+    const auto m = read_and_write<policy_ask_t>("policy_ask_t");
+    TEST_ASSERT_EQUAL_INT32(17, m.seq);
+    TEST_ASSERT_EQUAL_INT32(policy_ask_t::REFUSED, m.fate);
+    TEST_ASSERT_EQUAL_INT8(1, m.goal_valid);
+    TEST_ASSERT_EQUAL_FLOAT(-100.5F, m.goal_x_m);
+    TEST_ASSERT_EQUAL_INT32(2, m.timeouts);
+}
+
+static void policy_goal() {
+    const auto m = read_and_write<policy_goal_t>("policy_goal_t");
+    TEST_ASSERT_EQUAL_INT32(policy_goal_t::GOAL, m.kind);
+    TEST_ASSERT_EQUAL_INT32(17, m.ask);
+    TEST_ASSERT_TRUE(m.x_m != m.x_m);
+    TEST_ASSERT_EQUAL_FLOAT(-2.5F, m.look_y_m);
+}
+
 int main() {
     UNITY_BEGIN();
     RUN_TEST(imu);
@@ -120,5 +139,7 @@ int main() {
     RUN_TEST(command);
     RUN_TEST(vehicle);
     RUN_TEST(odom);
+    RUN_TEST(policy_ask);
+    RUN_TEST(policy_goal);
     return UNITY_END();
 }
