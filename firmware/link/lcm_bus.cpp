@@ -15,9 +15,6 @@ namespace noctule {
 
 namespace {
 
-constexpr std::array kChannels{kChannelScan, kChannelImu,  kChannelAttitude, kChannelRangeUp, kChannelRangeDown, kChannelVehicle, kChannelCommand,
-                               kChannelNav,  kChannelOdom, kChannelGridTile, kChannelWalls,   kChannelLevels,    kChannelImage,   kChannelObjects};
-
 /// LCM prints eight lines and hangs on where the kernel has no route for multicast: ask the kernel first.
 /// True for a url that is not udpm, or whose address cannot be read: LCM itself then says what is wrong.
 bool multicast_route_exists(const char* url) {
@@ -89,7 +86,7 @@ int LcmBus::handle(const int timeout_ms) {
     if (lcm_ == nullptr) { return -1; }
     if (!warm_) {
         // LCM allocates when it meets a channel name for the first time: let it meet all of them now.
-        for (const char* channel : kChannels) {
+        for (const char* channel : kAllChannels) {
             if (lcm_has_handlers != nullptr) { static_cast<void>(lcm_has_handlers(lcm_, channel)); }
         }
         warm_ = true;

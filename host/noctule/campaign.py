@@ -20,6 +20,7 @@ import time
 import tomllib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 
 from noctule import record
@@ -143,11 +144,25 @@ def fly_trial(settings: FlightSettings, folder: Path) -> dict:
     return inprocess_flight.fly(settings, load_world(settings.world), folder)
 
 
+@lru_cache(maxsize=None)
+def policy_source(policy: str) -> str:
+    """A fingerprint of a Python policy's module and of what it sees the map through; "" for one of the firmware."""
+    if ":" not in policy:
+        return ""
+    from noctule import policy as view
+    from noctule import policy_host
+
+    digest = hashlib.sha256()
+    for module in (sys.modules[policy_host.load(policy).__module__], view, policy_host):
+        digest.update(Path(module.__file__).read_bytes())
+    return "@" + digest.hexdigest()[:16]
+
+
 def _key(campaign: Campaign, trial: Trial, programs: str) -> dict:
     """What a kept flight must have been flown with to be kept."""
     world = Path(trial.world)
     content = hashlib.sha256(world.read_bytes()).hexdigest()[:16] if world.is_file() else trial.world
-    return {"programs": programs, "world": content, "seed": trial.seed, "policy": trial.policy, "values": dict(trial.values),
+    return {"programs": programs, "world": content, "seed": trial.seed, "policy": trial.policy + policy_source(trial.policy), "values": dict(trial.values),
             "preset": campaign.preset, "profile": campaign.profile, "max_time_s": campaign.max_time_s}
 
 

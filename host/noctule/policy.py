@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import heapq
 import math
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
@@ -50,12 +51,13 @@ class Goal:
 FINISHED = object()        # an answer of step(): nothing reachable and worth it is left
 
 
-class Policy:
+class Policy(ABC):
     """To be derived from, or to be imitated: only begin() and step() are called."""
 
     def begin(self, home: Pose) -> None:
         """A new exploration: after take-off, and on every further floor."""
 
+    @abstractmethod
     def step(self, view: MapView, pose: Pose, budget_cells: int):
         """One step of 50 ms.
 
@@ -68,7 +70,6 @@ class Policy:
         Returns:
             a Goal (the same one again changes nothing), None to fly on as before, or FINISHED.
         """
-        raise NotImplementedError
 
 
 @njit(cache=True)

@@ -69,7 +69,8 @@ class Host:
         self._seq = -1
         self._came_s = 0.0
         self.traces = 0
-        self._view.frontiers()           # numba compiles before the flight, not in it
+        self._view.frontiers()           # what is compiled or imported late is so before the flight, not in it
+        _ = self._view.way_m
 
     def receive(self, channel: str, data: bytes) -> bytes | None:
         """One message in; the answer, where it was a request."""

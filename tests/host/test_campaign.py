@@ -71,6 +71,21 @@ def test_paired_differences_show_what_means_hide():
     assert rows["pose_error_mean_m", "tour"]["mean"] is None
 
 
+def test_a_changed_python_policy_is_flown_again(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    keys = []
+    for text in ("class P:\n    def step(self, *_): return None\n", "class P:\n    def step(self, *_): return 1\n"):
+        write(tmp_path / "mine_for_campaign.py", text)
+        campaign.policy_source.cache_clear()
+        c = Campaign("c", ["maze_a"], [1], ["tour", "mine_for_campaign:P"])
+        settings = [c.settings(trial, tmp_path) for trial in c.trials()]
+        assert [s.parameters["policy"] for s in settings] == [0, 3] and [s.policy_class for s in settings] == [None, "mine_for_campaign:P"]
+        keys.append([campaign._key(c, trial, "x")["policy"] for trial in c.trials()])
+    sys.modules.pop("mine_for_campaign", None)
+    sys.path.remove(str(tmp_path))
+    assert keys[0][0] == keys[1][0] == "tour" and keys[0][1] != keys[1][1]
+
+
 def test_the_interval_is_that_of_the_mean():
     values = np.random.default_rng(5).normal(3.0, 2.0, 400)
     low, high = campaign_table.interval(values)

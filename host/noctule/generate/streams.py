@@ -63,14 +63,16 @@ def load(path=SOURCE, messages=None):
 
 
 def cpp(streams):
-    """Text of streams.gen.hpp: one constant a channel, `kChannelRangeUp` for RANGE_UP."""
+    """Text of streams.gen.hpp: one constant a channel, `kChannelRangeUp` for RANGE_UP, and kAllChannels."""
     out = ["/// Generated from firmware/interface/streams.toml by `python -m noctule.generate`; edit that file.", "#pragma once", "",
-           "namespace noctule {", ""]
+           "#include <array>", "", "namespace noctule {", ""]
+    names = []
     for s in streams:
         name = "".join(part.title() for part in s.channel.split("_"))
         rate = f"{s.rate_hz:g} Hz" if s.rate_hz else "on event"
+        names.append(f"kChannel{name}")
         out.append(f'inline constexpr const char* kChannel{name} = "{s.channel}";  ///< {s.type}, {rate}, {s.bus} bus, from {s.source}')
-    out += ["", "}  // namespace noctule", ""]
+    out += ["", f"inline constexpr std::array<const char*, {len(names)}> kAllChannels{{{', '.join(names)}}};", "", "}  // namespace noctule", ""]
     return "\n".join(out)
 
 
