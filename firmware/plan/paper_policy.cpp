@@ -7,6 +7,7 @@ namespace noctule {
 
 namespace {
 
+constexpr double kBelowOne = 1.0 - 1e-15;      ///< of a free cell among walls
 constexpr double kTolerance = 1e-4;            ///< relative change at which the relaxation ends
 constexpr std::int64_t kNowhereUs = 20000000;  ///< without a lower cell beside the vehicle, or without getting on
 constexpr std::int64_t kCountUs = 1000000;
@@ -41,7 +42,8 @@ void PaperPolicy::relax(const MapView& map, const Cell centre, const std::int32_
             if (wall && !unseen) {
                 phi = 1.0;
             } else if (phi >= 1.0) {
-                phi = 0.5;   // what was a wall, or the vehicle's own cell, is free again
+                // What was a wall, or the vehicle's own cell, is free again: anything under its surroundings would draw the vehicle back.
+                phi = std::min(0.25 * (at(x - 1, y) + at(x + 1, y) + at(x, y - 1) + at(x, y + 1)), kBelowOne);
             }
         }
     }
@@ -59,7 +61,7 @@ void PaperPolicy::relax(const MapView& map, const Cell centre, const std::int32_
                 }
                 const double mean = 0.25 * (at(x - 1, y) + at(x + 1, y) + at(x, y - 1) + at(x, y + 1));
                 change = std::max(change, std::fabs(mean - phi) / std::max(mean, 1e-300));
-                phi = std::min(mean, 1.0 - 1e-16);
+                phi = std::min(mean, kBelowOne);
             }
         }
         if (change < kTolerance) { break; }

@@ -187,33 +187,33 @@ def modes(paper, default) -> bytes:
     return png(figure)
 
 
-def transition_points(world, paper, default) -> bytes:
-    """Figure 11: far places with the distance to their nearest near place, in the plan of the first floor. paper, default: Overhead or None."""
+def transition_points(world, label, seen) -> bytes:
+    """Figure 11: far places with the distance to their nearest near place, in the plan of the first floor. seen: Overhead of the flight `label`, or None."""
     from noctule.paper import transitions
 
-    figure = _figure(8.6, 4.8)
+    figure = _figure(9.2, 4.3)
     opening = world.floors[1].openings[0]
-    for panel, (label, seen) in zip(figure.subplots(1, 2), (("as published", paper), ("default", default))):
+    corners = np.array([(opening[0], opening[1]), (opening[2], opening[1]), (opening[2], opening[3]), (opening[0], opening[3]), (opening[0], opening[1])])
+    whole, close = figure.subplots(1, 2)
+    for panel in (whole, close):
         _solids(panel, world.primitives(), 0.0)
-        panel.plot(*np.array([(opening[0], opening[1]), (opening[2], opening[1]), (opening[2], opening[3]), (opening[0], opening[3]),
-                              (opening[0], opening[1])]).T, color="#6b5f4b", lw=1.2, ls="--", label="true opening")
-        if seen is not None:
-            r = transitions(seen)
-            near = seen.places[~seen.far]
-            panel.scatter(near[:, 0], near[:, 1], s=2, color=SLAM, label="near ceiling", lw=0)
-            far = seen.places[seen.far]
-            dots = panel.scatter(far[:, 0], far[:, 1], s=9, c=r, cmap="autumn_r", vmin=0, vmax=2.0, lw=0, label="far ceiling") if len(r) else None
-            if len(r):
-                for n, k in enumerate((int(np.argmax(r)), int(np.argmin(np.abs(r - 0.5 * r.max()))))):
-                    nearest = near[np.argmin(np.hypot(*(near - far[k]).T))]
-                    panel.plot(*np.array([far[k], nearest]).T, color="black", lw=1.1)
-                    panel.annotate(f"R{n + 1} = {r[k]:.2f} m", (far[k] + nearest) / 2, fontsize=8, xytext=(6, 6), textcoords="offset points")
-                figure.colorbar(dots, ax=panel, label="distance to the nearest near place [m]", shrink=0.8)
-        panel.set(xlim=(opening[0] - 3, opening[2] + 3), ylim=(opening[1] - 3, opening[3] + 3))
-        panel.set_title(label, fontsize=9)
-        panel.legend(fontsize=7, loc="lower left")
+        panel.plot(*corners.T, color="#6b5f4b", lw=1.2, ls="--", label="true opening")
         _plane(panel, "World")
-    figure.suptitle("Transition candidates round the opening, seen from the first floor, seed 1", fontsize=10)
+    whole.set(xlim=(-0.3, 16.3), ylim=(-0.3, 16.3))
+    close.set(xlim=(opening[0] - 1, opening[2] + 1), ylim=(opening[1] - 1, opening[3] + 1))
+    if seen is not None and len(r := transitions(seen)):
+        near, far = seen.places[~seen.far], seen.places[seen.far]
+        for panel, size in ((whole, 2), (close, 12)):
+            panel.scatter(near[:, 0], near[:, 1], s=size, color=SLAM, label="near ceiling seen", lw=0)
+            dots = panel.scatter(far[:, 0], far[:, 1], s=1.5 * size, c=r, cmap="autumn_r", vmin=0, vmax=2.0, lw=0, label="far ceiling seen")
+        figure.colorbar(dots, ax=close, label="to the nearest near place [m]")
+        for n, k in enumerate((int(np.argmax(r)), int(np.argmin(np.abs(r - 0.4 * r.max()))))):
+            nearest = near[np.argmin(np.hypot(*(near - far[k]).T))]
+            close.plot(*np.array([far[k], nearest]).T, color="black", lw=1.1)
+            close.annotate(f"R{n + 1} = {r[k]:.2f} m", far[k], fontsize=8, xytext=(14, -14 - 14 * n), textcoords="offset points",
+                           arrowprops={"arrowstyle": "-", "lw": 0.6}, bbox={"facecolor": "white", "lw": 0, "pad": 1, "alpha": 0.8})
+    whole.legend(fontsize=7, loc="lower left")
+    figure.suptitle(f"Transition candidates, places seen from the first floor by the flight '{label}', seed 1", fontsize=10)
     return png(figure)
 
 

@@ -137,7 +137,7 @@ def fly(folder, policy, max_time_s, **parameters):
 
 @needs_library
 def test_the_example_flies_and_its_log_replays(tmp_path):
-    result = fly(tmp_path / "run", "noctule.policies.widest:Widest", 45.0)
+    result = fly(tmp_path / "run", "noctule.policies.widest:Widest", 45.0, floors_max=1)
     assert result["policy"] == {"name": "noctule.policies.widest:Widest", "refused": 0, "timeouts": 0, "given_up_s": None}
     assert result["explorer"]["goals"] >= 2 and result["collisions"] == 0
     assert result["floors"][0]["explored_fraction"] > 0.9
