@@ -178,10 +178,10 @@ def maze(quick: bool) -> Figure:
     return Figure("9", "Exploration of one floor", "Kinematic loop (pose given with 5 mm noise), seed 1, cells 0.10 m, window 2 m, start (6, 6, 0), relative error 1e-4; it ends when under 5 % of "
                   "the known free cells were never in the window, or when the gradient leads to nothing new for 60 s.",
                   rows,
-                  "The published mazes are drawn only; these two are of the same size. The publication names the method's fault, it oscillates among near obstacles. Two more show here. Once the "
-                  "window is relaxed the potential in it is level to the last digit of a double a few metres from what attracts, and with the vehicle's own cell as the only "
-                  "source it then leads nowhere. And unseen cells behind a wall attract through the free cells beside it. A rule that the publication does not have: cells where the hull does not fit count as "
-                  "obstacles; without it the path touches.",
+                  "The published mazes are drawn only; these two are of the same size. The publication names the method's fault, it oscillates among near obstacles, and so it does in the door at (10, 1.5) of maze_a for most of that flight; another shows where it ends early: "
+                  "where every cell of the window's border has been inside the window before, nothing attracts but what little lower those cells still are, and the vehicle stays where it is. "
+                  "Cells count as known here when they were in the window; the share that the report calls explored is what the laser saw. A rule that the publication does not have: cells where the hull "
+                  "does not fit count as obstacles; without it the path touches.",
                   {"figure-9.png": paper_figures.mazes(flown)})
 
 

@@ -34,7 +34,7 @@ def table(rows: list[Row]) -> str:
 
 def page(figures: list[Figure], run: str, pictures: str) -> str:
     """The whole page. run: how it was made, one line. pictures: folder of the pictures, relative to the page."""
-    out = [HEAD, run]
+    out = [HEAD, run + "\n"]
     for figure in figures:
         out.append(f"## Figure {figure.number}: {figure.title}\n\n{figure.setup}\n")
         out.append(table(figure.rows) + "\n")

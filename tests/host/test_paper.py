@@ -69,3 +69,16 @@ def test_pose_and_altitude_figures_are_measured():
         assert first == pytest.approx(z_m, abs=0.15) and second == pytest.approx(z_m, abs=0.15)
     for figure in (three, four, six, seven):
         assert all(content.startswith(PNG) and len(content) < 150_000 for content in figure.pictures.values()) and figure.pictures
+
+
+def test_the_shipped_page_is_whole():
+    from pathlib import Path
+
+    docs = Path(__file__).parents[2] / "docs"
+    text = (docs / "paper.md").read_text(encoding="utf-8")
+    for number in (3, 4, 6, 7, 8, 9, 10, 11, 12, 13):
+        assert f"## Figure {number}:" in text
+        assert (docs / "pictures" / "paper" / f"figure-{number}.png").is_file() and f"pictures/paper/figure-{number}.png" in text
+    for published in (*paper.PUBLISHED_LEVELS_M.values(), "2.3 / 1.8 cm", "about 8 cm", "660 s"):
+        assert published in text
+    assert sum(p.stat().st_size for p in (docs / "pictures" / "paper").iterdir()) < 1_500_000
