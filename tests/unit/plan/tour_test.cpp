@@ -197,8 +197,8 @@ void every_policy_flies_behind_the_one_interface() {
     TEST_ASSERT_TRUE(flown(PolicyKind::frontier, 300.0, counters, share, never).completed);
     TEST_ASSERT_TRUE(share > 0.98);
     const test::Result paper = flown(PolicyKind::paper, 300.0, counters, share, never);
-    TEST_ASSERT_TRUE_MESSAGE(paper.length_m > 2.0, "the paper's potential leads nowhere at all");
-    TEST_ASSERT_TRUE_MESSAGE(never < 0.6F, "its window has moved");
+    TEST_ASSERT_TRUE_MESSAGE(paper.completed, "the paper's potential leads nowhere");
+    TEST_ASSERT_TRUE_MESSAGE(never < 0.05F && share > 0.98, "its window was not everywhere");
     TEST_ASSERT_TRUE_MESSAGE(paper.least_clearance_m > 0.3, "touched something");
 }
 
