@@ -59,7 +59,10 @@ void a_goal_is_flown_to_and_looked_from() {
     Outside o;
     TEST_ASSERT_TRUE(o.asked());
     TEST_ASSERT_EQUAL(PolicyKind::external, o.who());
-    for (int k = 0; k < 200; ++k) { o.goal(2.0F, -1.5F, 2.0F, 2.0F); }
+    for (int k = 0; k < 200; ++k) {
+        o.goal(2.0F, -1.5F, 2.0F, 2.0F);
+        if (k == 50) { TEST_ASSERT_EQUAL_UINT32(0U, o.ask().timeouts); }   // under way and answering
+    }
     TEST_ASSERT_DOUBLE_WITHIN(0.1, 2.0, o.loop->x);
     TEST_ASSERT_DOUBLE_WITHIN(0.1, -1.5, o.loop->y);
     TEST_ASSERT_FLOAT_WITHIN(0.15F, 0.5F * kPi, wrap_angle(static_cast<float>(o.loop->yaw)));
