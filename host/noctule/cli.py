@@ -35,6 +35,7 @@ examples:
   noctule fly maze_a --no-camera
   noctule fly office --seed 2 --param speed_max_m_s=0.7 --profile harsh
   noctule fly maze_a --fault odometry-cut@40      what happens when the autopilot loses our position
+  noctule fly maze_a --policy noctule.policies.widest:Widest      a policy in Python; docs/extending.md: how to write one
 
   noctule fly maze_a --autopilot px4 --autopilot-binary ~/PX4-Autopilot/build/px4_sitl_default/bin/px4
 
