@@ -71,15 +71,16 @@ inline constexpr std::size_t kMaxAtlasBytes = 4194304;   ///< encoded atlas: eve
 inline constexpr std::size_t kMaxMotionNodes = kMaxImuPerStep + 8;  ///< poses of one sweep; the newest are refused
 inline constexpr std::size_t kMaxWallsPerScan = 48;      ///< walls of one sweep; the shortest give way
 inline constexpr std::size_t kMaxWalls = 192;            ///< walls handed out at once (walls_t); more are refused
-inline constexpr std::size_t kMaxParticles = by_profile(128, 128, 16);  ///< hypotheses of the wall filter; a parameter sets how many are used
+inline constexpr std::size_t kMaxParticles = by_profile(100, 100, 16);  ///< hypotheses of the wall filter; a parameter sets how many are used
 inline constexpr std::size_t kMaxLandmarks = by_profile(160, 120, 48);  ///< walls of one particle; the one seen least gives way
-inline constexpr std::size_t kMaxPointCells = by_profile(8192, 4096, 1024);  ///< cells of the point map, a power of two; the one with fewest points gives way
+inline constexpr std::size_t kMaxPointCells = by_profile(32768, 16384, 2048);  ///< cells of the point map, all floors, a power of two; the one with fewest points gives way
 inline constexpr std::size_t kMaxPredictorSamples = 128; ///< inertial samples since the last scan; the oldest give way
 inline constexpr std::size_t kMaxMatchPoints = by_profile(240, 240, 120);  ///< points of one sweep matched with the point map; thinned out beyond
 inline constexpr std::size_t kMaxShapePoints = 180;  ///< points of one sweep in the scan match; thinned out beyond
 inline constexpr std::size_t kMaxScanSide = by_profile(320, 320, 96);  ///< cells along a side of that map, 0.15 m each; what lies outside is left out
-inline constexpr std::size_t kMaxScanCells = by_profile(8192, 4096, 768);  ///< cells of the map around the vehicle; a further one is refused
-inline constexpr std::size_t kMaxKeyframes = by_profile(2048, 512, 64);  ///< sweeps kept for the scan match; the most crowded gives way
+inline constexpr std::size_t kMaxScanCells = by_profile(5120, 4096, 768);  ///< cells of the map around the vehicle; a further one is refused
+inline constexpr std::size_t kMaxKeyframes = by_profile(1536, 512, 64);  ///< sweeps kept for the scan match; the most crowded gives way
+inline constexpr std::size_t kMaxPlaceCentres = by_profile(512, 256, 32);  ///< places that one sweep is looked for at; further ones are left out
 
 // Recognition.
 inline constexpr std::size_t kMaxSurfPixels = 786432;    ///< pixels of an image for SURF (1024 x 768); a larger one is refused

@@ -238,6 +238,24 @@ void InertialFilter::place(const double x_m, const double y_m, const double yaw_
     x_(kYaw, 0) = wrap(yaw_rad);
 }
 
+void InertialFilter::relocate(const double x_m, const double y_m, const double yaw_rad, const double sigma_m, const double sigma_rad) {
+    const double turn = wrap(yaw_rad - x_(kYaw, 0));
+    place(x_m, y_m, yaw_rad);
+    // Velocity's covariance turns with it; biases belong to Body.
+    Square rotate = Square::identity();
+    rotate(kVx, kVx) = rotate(kVy, kVy) = std::cos(turn);
+    rotate(kVx, kVy) = -std::sin(turn);
+    rotate(kVy, kVx) = std::sin(turn);
+    p_ = rotate * p_ * transpose(rotate);
+    for (std::size_t i = 0; i < kVx; ++i) {
+        for (std::size_t j = 0; j < kStates; ++j) { p_(i, j) = p_(j, i) = 0.0; }
+    }
+    p_(kX, kX) = p_(kY, kY) = square(sigma_m);
+    p_(kYaw, kYaw) = square(sigma_rad);
+    symmetrise(p_);
+    mark();
+}
+
 void InertialFilter::widen_velocity(const double sigma_m_s) {
     p_(kVx, kVx) += square(sigma_m_s);
     p_(kVy, kVy) += square(sigma_m_s);

@@ -51,6 +51,9 @@ public:
     /// The pose as the wall filter has it (their frames may drift apart by sampling); covariances stay.
     void place(double x_m, double y_m, double yaw_rad);
 
+    /// A place was recognised: the pose jumps and is known this well, independently of all else; velocity turns along.
+    void relocate(double x_m, double y_m, double yaw_rad, double sigma_m, double sigma_rad);
+
     /// Adds independent doubt to velocity, as after a gap. Standard deviation, >= 0.
     void widen_velocity(double sigma_m_s);
 

@@ -26,7 +26,7 @@ bool Keyframes::due(const Pose2<Map, Body>& pose) const {
     return std::hypot(pose.x_m - last.x_m, pose.y_m - last.y_m) > kApart_m || std::abs(wrap_angle(pose.yaw_rad - last.yaw_rad)) > kApart_rad;
 }
 
-void Keyframes::add(const ScanShape& shape, const Pose2<Map, Body>& pose) {
+void Keyframes::add(const ScanShape& shape, const Pose2<Map, Body>& pose, const FrameDoubt& doubt, const std::uint16_t epoch) {
     if (size_ == kMaxKeyframes) {
         std::size_t at = 1;
         float least = std::numeric_limits<float>::max();
@@ -43,36 +43,47 @@ void Keyframes::add(const ScanShape& shape, const Pose2<Map, Body>& pose) {
     }
     Frame& frame = frames_[size_++];
     frame.pose = pose;
+    frame.doubt = doubt;
+    frame.epoch = epoch;
     frame.count = 0;
     for (const Point2<Body>& point : shape) {
         const float x = point.x_m / kStep_m;
         const float y = point.y_m / kStep_m;
         if (!(std::abs(x) < 32000.0F && std::abs(y) < 32000.0F)) { continue; }
-        frame.points[static_cast<std::size_t>(frame.count++)] = {static_cast<std::int16_t>(std::lround(x)), static_cast<std::int16_t>(std::lround(y))};
+        frame.points[frame.count++] = {static_cast<std::int16_t>(std::lround(x)), static_cast<std::int16_t>(std::lround(y))};
     }
 }
 
 void Keyframes::shape(const std::size_t i, ScanShape& out) const {
     out.clear();
     const Frame& frame = frames_[i];
-    for (std::int32_t k = 0; k < frame.count; ++k) {
-        const auto& point = frame.points[static_cast<std::size_t>(k)];
+    for (std::size_t k = 0; k < frame.count; ++k) {
+        const auto& point = frame.points[k];
         static_cast<void>(out.push({kStep_m * static_cast<float>(point[0]), kStep_m * static_cast<float>(point[1])}));
     }
 }
 
-void Keyframes::fill(ScanMap& map, const Pose2<Map, Body>& pose, const std::size_t first, const std::size_t end) const {
+void Keyframes::move(const Relocation& relocation) {
+    for (std::size_t i = 0; i < size_; ++i) {
+        Frame& frame = frames_[i];
+        frame.pose = relocation.part(relocation.share(frame.doubt)) * frame.pose;
+        frame.doubt = relocation.left(frame.doubt);
+    }
+}
+
+bool Keyframes::near_to(const std::size_t i, const Pose2<Map, Body>& pose) const {
+    const float dx = frames_[i].pose.x_m - pose.x_m;
+    const float dy = frames_[i].pose.y_m - pose.y_m;
+    return dx * dx + dy * dy < kNear_m * kNear_m;
+}
+
+void Keyframes::fill_with(ScanMap& map, const Pose2<Map, Body>& pose, std::array<std::uint16_t, kMaxKeyframes>& near, std::size_t n) const {
     map.start(pose.x_m, pose.y_m);
-    std::array<std::uint16_t, kMaxKeyframes> near{};
-    std::size_t n = 0;
     const auto square = [&](const std::uint16_t i) {
         const float dx = frames_[i].pose.x_m - pose.x_m;
         const float dy = frames_[i].pose.y_m - pose.y_m;
         return dx * dx + dy * dy;
     };
-    for (std::size_t i = first; i < end; ++i) {
-        if (square(static_cast<std::uint16_t>(i)) < kNear_m * kNear_m) { near[n++] = static_cast<std::uint16_t>(i); }
-    }
     if (n > kInMap) {
         std::nth_element(near.begin(), near.begin() + kInMap, near.begin() + static_cast<std::ptrdiff_t>(n), [&](const std::uint16_t a, const std::uint16_t b) {
             const float da = square(a);

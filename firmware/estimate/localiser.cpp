@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <utility>
 
 namespace noctule {
 
@@ -17,11 +16,31 @@ constexpr double kInformation_1_m2 = 400.0;
 constexpr float kWallsPoor = 0.22F;
 constexpr float kWallsGood = 0.08F;
 constexpr float kWallsUnproven = 0.3F;
-// Share of the hits on walls below which they are not asked (round rooms).
+// Share of the hits on walls below which the scan match leads (round rooms).
 constexpr float kWallsMatter = 0.1F;
+
+// Six floats cannot tell centimetres across from tens of metres along; what they lose, squared, and a linear filter with it.
+constexpr float kRounding = 1.0e-6F;
 
 // Doubt about velocity, in the speed limit, that is not believed.
 constexpr double kSpeedDoubt = 3.0;
+
+// Surroundings that are suddenly others: share of the sweep that the map explained before, and then no more, for so many sweeps.
+constexpr float kExplainedUsual = 0.6F;
+constexpr float kExplainedLeast = 0.35F;
+constexpr float kGoneLeast = 0.25F;
+constexpr float kWatched_m = 8.0F;
+constexpr std::int32_t kFamiliarSweeps = 20;   // in a row that it explained, before
+constexpr std::int32_t kStrangeSweeps = 4;
+constexpr std::size_t kCarriedPoints = 40;
+constexpr float kAnywhere_m2 = 1.0e4F;
+constexpr float kAnywhere_rad2 = 10.0F;
+
+// How well a recognised place is known.
+constexpr float kRecognised_m = 0.03F;
+constexpr float kRecognised_rad = 0.008F;
+constexpr std::int32_t kSlices = 2;   // of the search in one step
+constexpr std::size_t kRebuiltAtOnce = 40;
 
 // What the vehicle may have done while its clock began anew.
 constexpr double kRestartSpeed_m_s = 0.5;
@@ -33,29 +52,27 @@ constexpr double kRestartSpeed_m_s = 0.5;
     return last_us - first_us < 1000000 ? last_us : first_us;
 }
 
-template <std::size_t... I>
-[[nodiscard]] std::array<PointMap, sizeof...(I)> point_maps(const Parameters& parameters, std::index_sequence<I...>) {
-    return {((void)I, PointMap(parameters))...};
-}
-
 [[nodiscard]] double seconds(const std::int64_t from_us, const std::int64_t to_us) { return 1e-6 * static_cast<double>(to_us - from_us); }
 
 }  // namespace
 
 Localiser::Localiser(const Parameters& parameters)
     : parameters_(parameters), leveller_(parameters), extractor_(parameters), inertial_(parameters), filter_(parameters),
-      points_(point_maps(parameters, std::make_index_sequence<kFloorSlots + 1>{})), tracker_(parameters) {}
+      points_(parameters), tracker_(parameters), search_(parameters) {}
 
 void Localiser::enter_layer(const std::int32_t layer) {
     const auto next = static_cast<std::size_t>(std::clamp<std::int32_t>(layer, 0, kShaftLayer));
     if (next == layer_) { return; }
     if (next == static_cast<std::size_t>(kShaftLayer)) {
         stored_[next].count = 0;
-        points_[next].clear();
+        points_.clear(next);
     }
     filter_.change_layer(stored_[layer_], stored_[next]);
     layer_ = next;
     tracker_.clear();   // sweeps of another floor match nothing here
+    search_.clear();
+    strange_ = 0;
+    rebuilt_ = kMaxKeyframes;
 }
 
 void Localiser::take_attitude(const SensorFrame& frame) {
@@ -221,7 +238,7 @@ const PlanarEstimate& Localiser::finish(const SensorFrame& frame, const Altitude
     leveller_.level(frame.scan, motion_, bounds, level_scan_);
     const WallObservations& walls = extractor_.extract(level_scan_);
     collect_match_points();
-    points_[layer_].set_noise(level_scan_.range_noise_m);
+    points_.set_noise(level_scan_.range_noise_m);
 
     if (!started_) {
         started_ = true;
@@ -236,7 +253,7 @@ const PlanarEstimate& Localiser::finish(const SensorFrame& frame, const Altitude
     if (lead) {
         static_cast<void>(tracker_.match(predicted, filter_.predicted_covariance()));
     } else if (parameters_.point_match != 0) {
-        match = points_[layer_].match(match_points_, predicted, filter_.predicted_covariance());
+        match = points_.match(layer_, match_points_, predicted, filter_.predicted_covariance());
     }
     const WallFilter::Result& result = lead ? filter_.follow(walls, tracker_.fit(), level_scan_) : filter_.update(walls, match, level_scan_);
 
@@ -259,17 +276,124 @@ const PlanarEstimate& Localiser::finish(const SensorFrame& frame, const Altitude
     estimate_.effective_particles = result.effective_particles;
     estimate_.pose_map_body = result.pose;
     publish(predicted, result, informed);
-    if (parameters_.point_match != 0 && estimate_.quality >= 0) { points_[layer_].add(match_points_, result.pose); }
-    if (parameters_.scan_match != 0 && estimate_.quality >= 0) { tracker_.keep(result.pose); }
+    if (parameters_.scan_match != 0 && !external_motion_) { watch_surroundings(result.pose); }
+    if (parted_ && estimate_.quality < 0 && match_leads_ && tracker_.shape().size() >= kCarriedPoints) { anchor(); }
+    if (strange_ == 0 && (estimate_.quality >= 0 || carried_)) { keep_sweep(result.pose); }
+    if (parameters_.scan_match != 0 && parameters_.place_search != 0 && !external_motion_) { recognise(); }
     return estimate_;
+}
+
+void Localiser::keep_sweep(const Pose2<Map, Body>& pose) {
+    if (parameters_.point_match != 0) { points_.add(layer_, match_points_, pose); }
+    if (parameters_.scan_match == 0) { return; }
+    const Matrix<float, 3, 3> p = published_covariance();
+    tracker_.keep(pose, {eigen_symmetric(p(0, 0), p(0, 1), p(1, 1)).large, p(2, 2)});
+}
+
+Matrix<float, 3, 3> Localiser::published_covariance() const {
+    Matrix<float, 3, 3> p;
+    for (std::size_t k = 0, i = 0; i < 3; ++i) {
+        for (std::size_t j = i; j < 3; ++j, ++k) { p(i, j) = p(j, i) = estimate_.covariance[k]; }
+    }
+    return p;
+}
+
+void Localiser::watch_surroundings(const Pose2<Map, Body>& pose) {
+    // Surroundings change gradually as the vehicle moves; all at once only if it was carried (docs/maths/scan_match.md#place).
+    const float explained = tracker_.explained(pose);
+    // Much that is new alone is no wonder where walls come into range; what was there must be gone, too.
+    const bool strange = tracker_.shape().size() >= kCarriedPoints && explained < kExplainedLeast && tracker_.passed_through(pose, kWatched_m) > kGoneLeast;
+    if (!strange || (strange_ == 0 && familiar_ < kFamiliarSweeps)) {
+        strange_ = 0;
+        familiar_ = explained >= kExplainedUsual && estimate_.quality >= 0 ? familiar_ + 1 : 0;
+        return;
+    }
+    estimate_.quality = -1;   // until it is known what this is
+    if (++strange_ < kStrangeSweeps) { return; }
+    strange_ = 0;
+    familiar_ = 0;
+    carried_ = true;
+    ++carried_count_;
+    ++lost_;
+    inertial_.widen_velocity(kRestartSpeed_m_s);
+    lose({kAnywhere_m2, kAnywhere_rad2});
+}
+
+void Localiser::anchor() {
+    // Nothing of before is known here, but there is something to see: a map of its own begins, in doubt as the pose is.
+    const auto& p = inertial_.covariance();
+    Matrix<float, 3, 3> local;
+    for (std::size_t i = 0; i < 3; ++i) {
+        for (std::size_t j = 0; j < 3; ++j) { local(i, j) = static_cast<float>(p(i, j)); }
+    }
+    filter_.anchor(local);
+    const Pose2<Map, Body>& pose = estimate_.pose_map_body;
+    inertial_.relocate(static_cast<double>(pose.x_m), static_cast<double>(pose.y_m), static_cast<double>(pose.yaw_rad), 1e-3, 1e-4);
+    estimate_.quality = 0;
+    parted_ = false;
+}
+
+void Localiser::lose(const FrameDoubt& more) {
+    filter_.begin_epoch(stored_[layer_], more);
+    estimate_.covariance[0] += more.m2;
+    estimate_.covariance[3] += more.m2;
+    estimate_.covariance[5] += more.rad2;
+    tracker_.begin_epoch();
+    points_.clear(layer_);
+    search_.clear();
+    rebuilt_ = kMaxKeyframes;
+}
+
+void Localiser::recognise() {
+    rebuild_points(1);
+    bool found = false;
+    for (std::int32_t slice = 0; slice < kSlices && !found; ++slice) {
+        found = search_.step(tracker_.frames(), tracker_.shape(), estimate_.pose_map_body, published_covariance(), carried_, tracker_.epoch());
+    }
+    if (!found) { return; }
+    const Relocation& relocation = search_.relocation();
+    const Pose2<Map, Body> from = estimate_.pose_map_body;
+    const Pose2<Map, Body> to = relocation.correction * from;
+    filter_.relocate(relocation, stored_[layer_], kRecognised_m, kRecognised_rad);
+    tracker_.relocate(relocation);
+    inertial_.relocate(static_cast<double>(to.x_m), static_cast<double>(to.y_m), static_cast<double>(to.yaw_rad), static_cast<double>(kRecognised_m),
+                       static_cast<double>(kRecognised_rad));
+    points_.clear(layer_);
+    rebuilt_ = 0;
+    rebuild_points(kRebuiltAtOnce);
+    carried_ = false;
+    const float c = std::cos(relocation.correction.yaw_rad);
+    const float s = std::sin(relocation.correction.yaw_rad);
+    const float vx = estimate_.vx_m_s;
+    estimate_.vx_m_s = c * vx - s * estimate_.vy_m_s;
+    estimate_.vy_m_s = s * vx + c * estimate_.vy_m_s;
+    estimate_.pose_map_body = to;
+    const float m2 = relocation.before.m2 + kRecognised_m * kRecognised_m;
+    estimate_.covariance = {m2, 0.0F, 0.0F, m2, 0.0F, relocation.before.rad2 + kRecognised_rad * kRecognised_rad};
+    if (estimate_.quality < 0) { estimate_.quality = 0; }
+    ++estimate_.reset_counter;
+}
+
+void Localiser::rebuild_points(const std::size_t most) {
+    if (parameters_.point_match == 0) { return; }
+    const Keyframes& frames = tracker_.frames();
+    ScanShape shape;
+    for (std::size_t n = 0; n < most && rebuilt_ < frames.size(); ++n, ++rebuilt_) {
+        const std::size_t i = frames.size() - 1 - rebuilt_;   // the newest first
+        frames.shape(i, shape);
+        rebuild_.clear();
+        for (const Point2<Body>& point : shape) { static_cast<void>(rebuild_.push(point)); }
+        points_.add(layer_, rebuild_, frames.pose(i));
+    }
 }
 
 bool Localiser::match_leads() {
     // Walls are good or poor in a building, not in a sweep: two thresholds (docs/maths/scan_match.md#lead).
     const float doubtful = filter_.doubtful_walls();
-    const bool walls_matter = filter_.hits_on_walls() > kWallsMatter || external_motion_;
-    if (!match_leads_ && doubtful > kWallsPoor && walls_matter) { match_leads_ = true; }
-    if (match_leads_ && doubtful < kWallsGood) { match_leads_ = false; }
+    // Where hardly a hit lies on a wall there is nothing to doubt; cells that adapt all the time turn with the vehicle there.
+    const bool no_walls = filter_.hits_on_walls() < kWallsMatter;
+    if (!match_leads_ && (doubtful > kWallsPoor || no_walls)) { match_leads_ = true; }
+    if (match_leads_ && doubtful < kWallsGood && !no_walls) { match_leads_ = false; }
     return parameters_.scan_match == 2 || (parameters_.scan_match == 1 && match_leads_);
 }
 
@@ -305,6 +429,12 @@ void Localiser::publish(const Pose2<Map, Body>& predicted, const WallFilter::Res
     for (std::size_t k = 0, i = 0; i < 3; ++i) {
         for (std::size_t j = i; j < 3; ++j, ++k) { estimate_.covariance[k] = local(i, j) + result.map_drift(i, j); }
     }
+    // The product of two errors (docs/maths/localisation.md, equation 7): metres along a corridor whose direction is in doubt lie across it, too.
+    const auto [xx, xy, xyaw, yy, yyaw, yawyaw] = estimate_.covariance;
+    const float rounding_m2 = kRounding * eigen_symmetric(xx, xy, yy).large;
+    estimate_.covariance[0] += yawyaw * yy + rounding_m2;
+    estimate_.covariance[1] -= yawyaw * xy;
+    estimate_.covariance[3] += yawyaw * xx + rounding_m2;
 
     const float jump_m = std::hypot(pose.x_m - predicted.x_m, pose.y_m - predicted.y_m);
     const float jump_rad = std::abs(wrap_angle(pose.yaw_rad - predicted.yaw_rad));
@@ -318,7 +448,13 @@ void Localiser::publish(const Pose2<Map, Body>& predicted, const WallFilter::Res
     if (share >= 1.0F || blind_too_long || !std::isfinite(pose.x_m + pose.y_m + pose.yaw_rad)) {
         if (!was_lost) { ++lost_; }
         estimate_.quality = -1;
+        // Beyond this the walls of before are not found again by chance but by a search; what comes is a map of its own till then.
+        if (share >= 1.0F && !parted_ && !external_motion_ && parameters_.scan_match != 0) { lose({}); }
+        parted_ = parted_ || share >= 1.0F;
+    } else if (carried_) {
+        estimate_.quality = -1;
     } else {
+        parted_ = false;
         estimate_.quality = static_cast<std::int32_t>(std::lround(100.0F * (1.0F - share)));
     }
 }
@@ -330,8 +466,10 @@ Localiser::Counters Localiser::counters() const {
     counters.coasted = coasted_;
     counters.blind_scans = blind_scans_;
     counters.lost = lost_;
+    counters.carried = carried_count_;
+    counters.recognised = search_.counters().found;
     counters.landmarks_evicted = filter_.counters().evicted;
-    for (const PointMap& points : points_) { counters.cells_evicted += points.counters().evicted; }
+    counters.cells_evicted = points_.counters().evicted;
     return counters;
 }
 

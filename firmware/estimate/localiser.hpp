@@ -2,7 +2,7 @@
 ///
 /// Order: refuse bad samples; predict with the inertial data; level the sweep along the predicted motion; extract walls; match
 /// what no wall explains with the point map; particle filter; correct the inertial filter with the laser's own information.
-/// Page: docs/maths/localisation.md. Frame Map; the first accepted scan is at (0, 0, 0). One instance per vehicle, about 1.6 MB
+/// Page: docs/maths/localisation.md. Frame Map; the first accepted scan is at (0, 0, 0). One instance per vehicle, about 4 MB
 /// inside the object, no heap, not thread-safe.
 #pragma once
 
@@ -14,6 +14,7 @@
 #include "estimate/estimate.hpp"
 #include "estimate/inertial_filter.hpp"
 #include "estimate/motion.hpp"
+#include "estimate/place_search.hpp"
 #include "estimate/point_map.hpp"
 #include "estimate/scan_tracker.hpp"
 #include "estimate/wall_filter.hpp"
@@ -35,6 +36,8 @@ public:
         std::uint32_t lost = 0;              ///< times that the pose became lost
         std::uint32_t landmarks_evicted = 0;
         std::uint32_t cells_evicted = 0;
+        std::uint32_t carried = 0;           ///< times that the surroundings were suddenly others
+        std::uint32_t recognised = 0;        ///< places from before that the pose was corrected by
     };
 
     explicit Localiser(const Parameters& parameters);
@@ -71,6 +74,13 @@ private:
     const PlanarEstimate& finish(const SensorFrame& frame, const AltitudeEstimate& last_altitude, const MotionIncrement& motion);
     void collect_match_points();
     [[nodiscard]] bool match_leads();
+    void keep_sweep(const Pose2<Map, Body>& pose);
+    void watch_surroundings(const Pose2<Map, Body>& pose);
+    void lose(const FrameDoubt& more);
+    void anchor();
+    void recognise();
+    void rebuild_points(std::size_t most);
+    [[nodiscard]] Matrix<float, 3, 3> published_covariance() const;
     void publish(const Pose2<Map, Body>& predicted, const WallFilter::Result& result, bool informed);
 
     const Parameters& parameters_;
@@ -79,10 +89,15 @@ private:
     WallExtractor extractor_;
     InertialFilter inertial_;
     WallFilter filter_;
-    std::array<PointMap, kFloorSlots + 1> points_;   ///< one a layer
+    PointMap points_;
     std::array<StoredWalls, kFloorSlots + 1> stored_{};
     std::size_t layer_ = 0;
     ScanTracker tracker_;
+    PlaceSearch search_;
+    bool carried_ = false;             ///< the surroundings were suddenly others; where it is now is looked for
+    std::int32_t familiar_ = 0;        ///< sweeps in a row that the map explained
+    std::int32_t strange_ = 0;         ///< sweeps since it suddenly did not
+    std::size_t rebuilt_ = kMaxKeyframes;   ///< keyframes whose points are back in the point map; kMaxKeyframes: nothing to do
 
     bool started_ = false;
     std::int64_t now_us_ = 0;          ///< time that the inertial filter stands at
@@ -93,6 +108,8 @@ private:
     SweepMotion motion_;
     LevelScan level_scan_;
     MatchPoints match_points_;
+    MatchPoints rebuild_;
+    bool parted_ = false;              ///< lost, and the walls of before are put away
     std::array<double, 3> odometry_pose_{};  ///< sum of the increments of the second form of update: x, y, yaw
     bool external_motion_ = false;
     bool match_leads_ = false;
@@ -100,6 +117,7 @@ private:
     std::uint32_t coasted_ = 0;
     std::uint32_t blind_scans_ = 0;
     std::uint32_t lost_ = 0;
+    std::uint32_t carried_count_ = 0;
 };
 
 }  // namespace noctule

@@ -11,88 +11,126 @@ namespace noctule {
 namespace {
 
 constexpr std::size_t kProbe = 8;           // slots tried for one key
-constexpr float kTrusted = 4.0F;            // points of a cell before it takes part
-constexpr float kElongated = 8.0F;          // ratio of variances from which a cell counts as a piece of a line
-constexpr float kCountCap = 400.0F;
+constexpr std::uint16_t kTrusted = 4;       // points of a cell before it takes part
+constexpr float kElongated = 3.5F;          // ratio of variances from which a cell counts as a piece of a line
+constexpr float kCountCap = 4000.0F;
 constexpr int kRounds = 6;
 constexpr std::int32_t kPointsMin = 8;
 constexpr float kRobust2 = 6.0F;            // squared distance at which a point's weight has fallen to a quarter
 
-[[nodiscard]] std::int32_t pack(const std::int32_t ix, const std::int32_t iy) {
-    return static_cast<std::int32_t>((static_cast<std::uint32_t>(ix) << 16U) | (static_cast<std::uint32_t>(iy) & 0xFFFFU));
+constexpr std::int32_t kAxisBits = 14;      // of a cell's place; at 0.1 m that is +-819 m
+constexpr std::uint32_t kAxisMask = (1U << kAxisBits) - 1U;
+
+[[nodiscard]] std::int32_t signed_axis(const std::uint32_t bits) {
+    constexpr std::int32_t kHalf = 1 << (kAxisBits - 1);
+    return (static_cast<std::int32_t>(bits & kAxisMask) ^ kHalf) - kHalf;
 }
+
+[[nodiscard]] std::uint16_t to_u16(const float value) { return static_cast<std::uint16_t>(std::clamp(value + 0.5F, 0.0F, 65535.0F)); }
 
 }  // namespace
 
-void PointMap::clear() {
-    for (Cell& cell : cells_) { cell.count = 0.0F; }
-    size_ = 0;
+void PointMap::clear(const std::size_t layer) {
+    for (Stored& cell : cells_) {
+        if (cell.key == kNone || cell.count == 0 || (cell.key >> (2 * kAxisBits)) != layer) { continue; }
+        cell.count = 0;   // the key stays, so that what was put behind it is still found
+        --size_;
+    }
 }
 
-std::size_t PointMap::slot(const std::int32_t key) {
+std::size_t PointMap::slot(const std::uint32_t key) {
     constexpr auto kBits = static_cast<unsigned>(std::countr_zero(kMaxPointCells));
     static_assert(std::has_single_bit(kMaxPointCells), "Fibonacci hashing to this many bits");
-    return (static_cast<std::uint32_t>(key) * 2654435769U) >> (32U - kBits);
+    return (key * 2654435769U) >> (32U - kBits);
 }
 
-std::int32_t PointMap::key_of(const float x_m, const float y_m) const {
-    // Sixteen bits an axis: at 0.2 m that is +-6.5 km.
+std::uint32_t PointMap::key_of(const std::size_t layer, const float x_m, const float y_m) const {
     const float scale = 1.0F / parameters_.point_cell_m;
-    return pack(floor_int(x_m * scale), floor_int(y_m * scale));
+    const auto ix = static_cast<std::uint32_t>(floor_int(x_m * scale)) & kAxisMask;
+    const auto iy = static_cast<std::uint32_t>(floor_int(y_m * scale)) & kAxisMask;
+    return (static_cast<std::uint32_t>(layer) << (2 * kAxisBits)) | (ix << kAxisBits) | iy;
 }
 
-const PointMap::Cell* PointMap::find(const std::int32_t key) const {
+Point2<Map> PointMap::corner(const std::uint32_t key) const {
+    return {static_cast<float>(signed_axis(key >> kAxisBits)) * parameters_.point_cell_m, static_cast<float>(signed_axis(key)) * parameters_.point_cell_m};
+}
+
+PointMap::Cell PointMap::unpack(const Stored& stored) const {
+    const float edge_m = parameters_.point_cell_m;
+    const float square_m2 = 0.25F * edge_m * edge_m / 65535.0F;   // no variance within the cell is greater than a quarter of its square
+    const Point2<Map> at = corner(stored.key);
+    return {static_cast<float>(stored.count), at.x_m + edge_m * static_cast<float>(stored.mean[0]) / 65536.0F,
+            at.y_m + edge_m * static_cast<float>(stored.mean[1]) / 65536.0F, square_m2 * static_cast<float>(stored.xx),
+            2.0F * square_m2 * static_cast<float>(stored.xy), square_m2 * static_cast<float>(stored.yy)};
+}
+
+void PointMap::pack(const Cell& cell, Stored& stored) const {
+    const float edge_m = parameters_.point_cell_m;
+    const float per_m2 = 65535.0F / (0.25F * edge_m * edge_m);
+    const Point2<Map> at = corner(stored.key);
+    stored.count = to_u16(cell.count);
+    stored.mean = {to_u16((cell.mean_x_m - at.x_m) * 65536.0F / edge_m), to_u16((cell.mean_y_m - at.y_m) * 65536.0F / edge_m)};
+    stored.xx = to_u16(cell.xx * per_m2);
+    stored.xy = static_cast<std::int16_t>(std::lround(std::clamp(0.5F * cell.xy * per_m2, -32767.0F, 32767.0F)));
+    stored.yy = to_u16(cell.yy * per_m2);
+}
+
+const PointMap::Stored* PointMap::find(const std::uint32_t key) const {
     const std::size_t first = slot(key);
     for (std::size_t i = 0; i < kProbe; ++i) {
-        const Cell& cell = cells_[(first + i) % kMaxPointCells];
-        if (cell.count <= 0.0F) { return nullptr; }
+        const Stored& cell = cells_[(first + i) % kMaxPointCells];
         if (cell.key == key) { return &cell; }
+        if (cell.key == kNone) { return nullptr; }
     }
     return nullptr;
 }
 
-PointMap::Cell& PointMap::place_for(const std::int32_t key) {
+PointMap::Stored& PointMap::place_for(const std::uint32_t key) {
     const std::size_t first = slot(key);
-    Cell* weakest = nullptr;
+    Stored* weakest = nullptr;
     for (std::size_t i = 0; i < kProbe; ++i) {
-        Cell& cell = cells_[(first + i) % kMaxPointCells];
-        if (cell.count <= 0.0F) {
-            cell = Cell{};
-            cell.key = key;
-            ++size_;
-            return cell;
-        }
-        if (cell.key == key) { return cell; }
+        Stored& cell = cells_[(first + i) % kMaxPointCells];
+        if (cell.key == key && cell.count > 0) { return cell; }
         if (weakest == nullptr || cell.count < weakest->count) { weakest = &cell; }
+        if (cell.key == key || cell.key == kNone) {
+            if (cell.key == key) { weakest = &cell; }
+            break;
+        }
     }
-    ++counters_.evicted;
-    *weakest = Cell{};
+    if (weakest->count > 0) {
+        ++counters_.evicted;
+    } else {
+        ++size_;
+    }
+    *weakest = Stored{};
     weakest->key = key;
     return *weakest;
 }
 
-const PointMap::Cell* PointMap::nearest(const float x_m, const float y_m) const {
+bool PointMap::nearest(const std::size_t layer, const float x_m, const float y_m, Cell& out) const {
     // The own cell and the three neighbours on the point's side; the nearest mean counts.
     const float half = 0.5F * parameters_.point_cell_m;
-    const Cell* best = nullptr;
+    bool found = false;
     float best_m2 = parameters_.point_cell_m * parameters_.point_cell_m;
     for (const float sx : {-half, half}) {
         for (const float sy : {-half, half}) {
-            const Cell* cell = find(key_of(x_m + sx, y_m + sy));
-            if (cell == nullptr || cell->count < kTrusted) { continue; }
-            const float dx = x_m - cell->mean_x_m;
-            const float dy = y_m - cell->mean_y_m;
+            const Stored* stored = find(key_of(layer, x_m + sx, y_m + sy));
+            if (stored == nullptr || stored->count < kTrusted) { continue; }
+            const Cell cell = unpack(*stored);
+            const float dx = x_m - cell.mean_x_m;
+            const float dy = y_m - cell.mean_y_m;
             const float d2 = dx * dx + dy * dy;
             if (d2 < best_m2) {
                 best_m2 = d2;
-                best = cell;
+                out = cell;
+                found = true;
             }
         }
     }
-    return best;
+    return found;
 }
 
-PoseMatch PointMap::match(const MatchPoints& points, const Pose2<Map, Body>& predicted, const Matrix<float, 3, 3>& covariance) {
+PoseMatch PointMap::match(const std::size_t layer, const MatchPoints& points, const Pose2<Map, Body>& predicted, const Matrix<float, 3, 3>& covariance) {
     PoseMatch result;
     if (points.size() < static_cast<std::size_t>(kPointsMin) || size_ == 0) { return result; }
     Matrix<float, 3, 3> prior;
@@ -109,6 +147,7 @@ PoseMatch PointMap::match(const MatchPoints& points, const Pose2<Map, Body>& pre
     Pose2<Map, Body> pose = predicted;
     Matrix<float, 3, 3> lambda;
     Matrix<float, 3, 1> b;
+    Cell cell;
     for (int round = 0; round < kRounds; ++round) {
         lambda = Matrix<float, 3, 3>{};
         b = Matrix<float, 3, 1>{};
@@ -120,20 +159,19 @@ PoseMatch PointMap::match(const MatchPoints& points, const Pose2<Map, Body>& pre
             const float ry = s * point.x_m + c * point.y_m;
             const float x_m = pose.x_m + rx;
             const float y_m = pose.y_m + ry;
-            const Cell* cell = nearest(x_m, y_m);
-            if (cell == nullptr) { continue; }
+            if (!nearest(layer, x_m, y_m, cell)) { continue; }
             // Information of the cell's Gaussian with the point's own noise; e = mean - point, d point / d yaw = (-ry, rx).
-            const float a = cell->xx + noise_m2;
-            const float d = cell->yy + noise_m2;
-            const float o = cell->xy;
+            const float a = cell.xx + noise_m2;
+            const float d = cell.yy + noise_m2;
+            const float o = cell.xy;
             const float determinant = a * d - o * o;
             if (!(determinant > 0.0F)) { continue; }
             const float middle = 0.5F * (a + d);
             const float radius = std::sqrt(0.25F * (a - d) * (a - d) + o * o);
             const float large = middle + radius;
             const float small = middle - radius;
-            const float ex = cell->mean_x_m - x_m;
-            const float ey = cell->mean_y_m - y_m;
+            const float ex = cell.mean_x_m - x_m;
+            const float ey = cell.mean_y_m - y_m;
             float ixx = d / determinant;
             float ixy = -o / determinant;
             float iyy = a / determinant;
@@ -195,11 +233,12 @@ PoseMatch PointMap::match(const MatchPoints& points, const Pose2<Map, Body>& pre
     return result;
 }
 
-void PointMap::add(const MatchPoints& points, const Pose2<Map, Body>& pose) {
+void PointMap::add(const std::size_t layer, const MatchPoints& points, const Pose2<Map, Body>& pose) {
     const float floor_m2 = 2.5e-5F;  // (5 mm)^2: a cell is never thinner
     for (const Point2<Body>& point : points) {
         const Point2<Map> p = pose * point;
-        Cell& cell = place_for(key_of(p.x_m, p.y_m));
+        Stored& stored = place_for(key_of(layer, p.x_m, p.y_m));
+        Cell cell = unpack(stored);
         cell.count = std::min(cell.count + 1.0F, kCountCap);
         const float gain = 1.0F / cell.count;
         const float dx = p.x_m - cell.mean_x_m;
@@ -210,11 +249,12 @@ void PointMap::add(const MatchPoints& points, const Pose2<Map, Body>& pose) {
             cell.xx = floor_m2;
             cell.yy = floor_m2;
             cell.xy = 0.0F;
-            continue;
+        } else {
+            cell.xx = std::max(floor_m2, (1.0F - gain) * (cell.xx + gain * dx * dx));
+            cell.xy = (1.0F - gain) * (cell.xy + gain * dx * dy);
+            cell.yy = std::max(floor_m2, (1.0F - gain) * (cell.yy + gain * dy * dy));
         }
-        cell.xx = std::max(floor_m2, (1.0F - gain) * (cell.xx + gain * dx * dx));
-        cell.xy = (1.0F - gain) * (cell.xy + gain * dx * dy);
-        cell.yy = std::max(floor_m2, (1.0F - gain) * (cell.yy + gain * dy * dy));
+        pack(cell, stored);
     }
 }
 

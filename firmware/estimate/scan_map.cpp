@@ -265,8 +265,52 @@ ScanFit ScanMap::refine(const ScanShape& shape, const Pose2<Map, Body>& start, c
     return fit;
 }
 
+float ScanMap::explained(const ScanShape& shape, const Pose2<Map, Body>& pose) const {
+    std::size_t hits = 0;
+    for (const Point2<Body>& point : shape) {
+        const Point2<Map> at = pose * point;
+        const std::int32_t index = index_of(at.x_m, at.y_m);
+        if (index >= 0 && near_[static_cast<std::size_t>(index)] > 0) { ++hits; }
+    }
+    return shape.empty() ? 1.0F : static_cast<float>(hits) / static_cast<float>(shape.size());
+}
+
+float ScanMap::passed_through(const ScanShape& shape, const Pose2<Map, Body>& pose, const float reach_m) const {
+    // Nearest hit in each 2 degrees of bearing; a bin without one says nothing.
+    constexpr std::size_t kBins = 180;
+    constexpr float kScale = static_cast<float>(kBins) / (2.0F * kPi);
+    std::array<float, kBins> hit_m{};
+    const auto bin_of = [](const float x_m, const float y_m) { return static_cast<std::size_t>((std::atan2(y_m, x_m) + kPi) * kScale) % kBins; };
+    for (const Point2<Body>& point : shape) {
+        float& nearest_m = hit_m[bin_of(point.x_m, point.y_m)];
+        const float range_m = std::hypot(point.x_m, point.y_m);
+        nearest_m = nearest_m > 0.0F ? std::min(nearest_m, range_m) : range_m;
+    }
+    const Pose2<Body, Map> to_body = pose.inverse();
+    std::size_t seen = 0;
+    std::size_t passed = 0;
+    for (std::size_t i = 1; i < used_; ++i) {
+        const Cell& cell = cells_[i];
+        if (cell.count < 2.0F) { continue; }
+        const Point2<Body> at = to_body * Point2<Map>{x0_m_ + (static_cast<float>(cell.column) + 0.5F) * kCell_m + cell.x_m / cell.count,
+                                                      y0_m_ + (static_cast<float>(cell.row) + 0.5F) * kCell_m + cell.y_m / cell.count};
+        const float range_m = std::hypot(at.x_m, at.y_m);
+        if (range_m < 0.5F || range_m > reach_m) { continue; }
+        const std::size_t bin = bin_of(at.x_m, at.y_m);
+        float hit = hit_m[bin];
+        for (const std::size_t beside : {(bin + 1) % kBins, (bin + kBins - 1) % kBins}) {
+            if (hit_m[beside] > 0.0F) { hit = std::min(hit, hit_m[beside]); }
+        }
+        // Behind what was hit nothing can be said of it.
+        if (hit <= 0.0F || range_m > hit + kReach_m) { continue; }
+        ++seen;
+        if (hit > range_m + kReach_m) { ++passed; }
+    }
+    return seen == 0 ? 1.0F : static_cast<float>(passed) / static_cast<float>(seen);
+}
+
 std::size_t ScanMap::search(const ScanShape& shape, const Pose2<Map, Body>& predicted, const float half_m, const float half_rad,
-                            std::array<Candidate, kCandidates>& out) const {
+                            std::array<Candidate, kCandidates>& out, const std::int32_t step_cells) const {
     // Every heading of a comb, every place of the lattice (docs/maths/scan_match.md#search); a point counts by what lies where it falls.
     const std::size_t stride = (shape.size() + kSearchPoints - 1) / kSearchPoints;
     if (stride == 0 || empty()) { return 0; }
@@ -288,8 +332,8 @@ std::size_t ScanMap::search(const ScanShape& shape, const Pose2<Map, Body>& pred
             row[n] = floor_int((predicted.y_m + s * p.x_m + c * p.y_m - y0_m_) * (1.0F / kCell_m));
             ++n;
         }
-        for (std::int32_t dy = -half_cells; dy <= half_cells; ++dy) {
-            for (std::int32_t dx = -half_cells; dx <= half_cells; ++dx) {
+        for (std::int32_t dy = -half_cells; dy <= half_cells; dy += step_cells) {
+            for (std::int32_t dx = -half_cells; dx <= half_cells; dx += step_cells) {
                 std::int32_t sum = 0;
                 for (std::size_t i = 0; i < n; ++i) {
                     const std::int32_t q = column[i] + dx;

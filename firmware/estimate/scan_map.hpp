@@ -74,14 +74,18 @@ public:
 
     /// Refines from a start, held by the prediction.
     [[nodiscard]] ScanFit refine(const ScanShape& shape, const Pose2<Map, Body>& start, const Prediction& predicted);
-    /// Best places in a box round the prediction, half width and half angle; the best first. Number found.
+    /// Best places in a box round the prediction, half width and half angle, every step_cells-th of the lattice; the best first. Number found.
     struct Candidate {
         Pose2<Map, Body> pose;
         float score = 0.0F;           ///< 0 to 1
     };
     static constexpr std::size_t kCandidates = 4;
     std::size_t search(const ScanShape& shape, const Pose2<Map, Body>& predicted, float half_m, float half_rad,
-                       std::array<Candidate, kCandidates>& out) const;
+                       std::array<Candidate, kCandidates>& out, std::int32_t step_cells = 1) const;
+    /// Share of the points that fall on a cell with points or beside one; 1 for no points.
+    [[nodiscard]] float explained(const ScanShape& shape, const Pose2<Map, Body>& pose) const;
+    /// Share of the map's cells in view of a sweep, up to `reach_m`, that its beams pass through; 1 if none is in view.
+    [[nodiscard]] float passed_through(const ScanShape& shape, const Pose2<Map, Body>& pose, float reach_m) const;
     [[nodiscard]] std::uint32_t refused() const { return refused_; }
     [[nodiscard]] std::size_t cells() const { return used_ - 1U; }
 

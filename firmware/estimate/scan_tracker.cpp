@@ -96,13 +96,34 @@ const ScanFit& ScanTracker::match(const Pose2<Map, Body>& predicted, const Matri
     return fit_;
 }
 
-void ScanTracker::keep(const Pose2<Map, Body>& pose) {
+void ScanTracker::clear() {
+    frames_.clear();
+    map_.start(0.0F, 0.0F);
+}
+
+void ScanTracker::begin_epoch() {
+    first_epoch_ = ++epoch_;
+    map_.start(last_pose_.x_m, last_pose_.y_m);
+}
+
+void ScanTracker::relocate(const Relocation& relocation) {
+    frames_.move(relocation);
+    first_epoch_ = 0;
+    last_pose_ = relocation.correction * last_pose_;
+    fill(last_pose_);
+}
+
+void ScanTracker::fill(const Pose2<Map, Body>& pose) {
+    frames_.fill(map_, pose, [this](const std::size_t i) { return frames_.epoch(i) >= first_epoch_; });
+}
+
+void ScanTracker::keep(const Pose2<Map, Body>& pose, const FrameDoubt& doubt) {
     last_step_ = last_pose_.inverse() * pose;
     last_step_s_ = since_last_s_;
     last_pose_ = pose;
     if (!frames_.due(pose)) { return; }
-    frames_.add(shape_, pose);
-    frames_.fill(map_, pose, 0, frames_.size());
+    frames_.add(shape_, pose, doubt, epoch_);
+    fill(pose);
 }
 
 }  // namespace noctule

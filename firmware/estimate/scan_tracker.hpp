@@ -22,18 +22,29 @@ public:
 
     explicit ScanTracker(const Parameters& parameters) : parameters_(parameters) {}
 
-    void clear() { frames_.clear(); }
+    void clear();
+    /// What comes is not known against what was: keyframes of before are left out of the map until relocate().
+    void begin_epoch();
+    /// Moves keyframes and pose; those of before count again.
+    void relocate(const Relocation& relocation);
     /// Takes a sweep in, for match() and keep().
     void take(const LevelScan& scan);
     /// Where the sweep lies in the map, near a prediction with its covariance (x, y, yaw).
     const ScanFit& match(const Pose2<Map, Body>& predicted, const Matrix<float, 3, 3>& covariance);
-    /// The pose that the sweep was given in the end: becomes a keyframe when one is due.
-    void keep(const Pose2<Map, Body>& pose);
+    /// The pose that the sweep was given in the end, and the doubt about it: becomes a keyframe when one is due.
+    void keep(const Pose2<Map, Body>& pose, const FrameDoubt& doubt);
+    /// Share of this sweep's points that fall where the map has something; 1 without a map.
+    [[nodiscard]] float explained(const Pose2<Map, Body>& pose) const { return map_.empty() ? 1.0F : map_.explained(shape_, pose); }
+
+    /// Share of the map's cells in view, up to reach_m, that this sweep passes through.
+    [[nodiscard]] float passed_through(const Pose2<Map, Body>& pose, const float reach_m) const { return map_.passed_through(shape_, pose, reach_m); }
 
     [[nodiscard]] const ScanFit& fit() const { return fit_; }
     [[nodiscard]] const Counters& counters() const { return counters_; }
     [[nodiscard]] const Keyframes& frames() const { return frames_; }
     [[nodiscard]] const ScanMap& map() const { return map_; }
+    [[nodiscard]] const ScanShape& shape() const { return shape_; }
+    [[nodiscard]] std::uint16_t epoch() const { return epoch_; }
 
 private:
     const Parameters& parameters_;
@@ -46,7 +57,10 @@ private:
     std::int64_t t_us_ = 0;
     float last_scale_ = 1.0F;
     float usual_share_ = 0.6F;
+    std::uint16_t epoch_ = 0;
+    std::uint16_t first_epoch_ = 0;       ///< keyframes of earlier ones are left out
     [[nodiscard]] Pose2<Map, Body> as_before() const;
+    void fill(const Pose2<Map, Body>& pose);
     ScanMap map_;
     Keyframes frames_;
     Counters counters_;

@@ -12,6 +12,10 @@ constexpr float kDirectionGate = 0.96F;   // cosine of 16 degrees
 constexpr float kOffsetGate_m = 0.6F;     // across the wall; the statistical gate is far inside
 // Walls that differ in direction by less than its root (1 degree) count as parallel.
 constexpr float kParallel_rad2 = 3.0e-4F;
+// Doubt about a wall's direction in the product with the place along it (4.5 mrad).
+constexpr float kSlide_rad2 = 2.0e-5F;
+// What is left in the next step of doubt about the frame once a wall is met that was tied better: it must be met for a while.
+constexpr float kDriftLeft = 0.98F;
 
 [[nodiscard]] Matrix<float, 3, 3> turned(const Matrix<float, 3, 3>& p, const float yaw_rad) {
     Matrix<float, 3, 3> turn = Matrix<float, 3, 3>::identity();
@@ -33,7 +37,7 @@ constexpr float kParallel_rad2 = 3.0e-4F;
 /// (docs/maths/localisation.md, equation 7). Without it two nearly parallel walls seem to say where along them the vehicle is.
 [[nodiscard]] float slide_variance(const Matrix<float, 3, 3>& p, const float c, const float s) {
     const float along_m2 = s * s * p(0, 0) - 2.0F * c * s * p(0, 1) + c * c * p(1, 1);
-    return kParallel_rad2 * along_m2;
+    return kSlide_rad2 * along_m2;
 }
 
 [[nodiscard]] bool drop_phantom_direction(Matrix<double, 3, 3>& lambda, Matrix<double, 3, 1>& b, double& direction_rad);
@@ -289,6 +293,7 @@ void WallFilter::update_particle(Particle& particle, const std::size_t index, co
 
     // Pose against Map's start: how well the scan ties it to the walls, and how well those are tied.
     drift_[index] = drift_of(particle, assigned, walls.size());
+    drift_[index] += positive_part(kDriftLeft * map_drift_ - drift_[index], std::numeric_limits<float>::infinity());
     const Matrix<float, 3, 3> absolute = drift_[index] + left_after(whole_covariance_, belief.lambda);
     for (std::size_t j = 0; j < walls.size(); ++j) {
         if (assigned[j].landmark >= 0) {

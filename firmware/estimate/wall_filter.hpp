@@ -74,9 +74,17 @@ public:
     /// update() is called again.
     const Result& follow(const WallObservations& walls, const ScanFit& fit, const LevelScan& scan);
 
-    /// Puts the walls of the best particle away and gives every particle those of another layer. Poses and their spread stay,
+    /// Puts the walls of the best particle away and gives every particle those of another layer, which leave their store. Poses and their spread stay,
     /// so that the doubt about the pose is carried over. docs/maths/floors.md.
-    void change_layer(StoredWalls& from, const StoredWalls& to);
+    void change_layer(StoredWalls& from, StoredWalls& to);
+
+    /// After a loss: the walls of the best particle are put to those in `before`, and what comes is learnt anew, its frame in doubt by
+    /// the covariance of the pose and by this much more.
+    void begin_epoch(StoredWalls& before, const FrameDoubt& more);
+    /// The pose as it is becomes the frame of what comes: its covariance goes over to the frame's.
+    void anchor(const Matrix<float, 3, 3>& local);
+    /// A place was recognised: walls and pose move, those in `before` come back and it is emptied. sigma: of the pose now.
+    void relocate(const Relocation& relocation, StoredWalls& before, float sigma_m, float sigma_rad);
 
     [[nodiscard]] Pose2<Map, Body> mean() const { return mean_; }
     /// Covariance of the predicted pose as the proposal uses it, spread of the particles included.
@@ -136,6 +144,7 @@ private:
     void merge_landmarks(Particle& particle);
     void prepare_bearings(const LevelScan& scan);
     void rejoin();
+    [[nodiscard]] static bool keep_most(StoredWalls& store, const Landmark& landmark);
     void judge_walls(const WallObservations& walls, const LevelScan& scan);
     void summarise();
     void resample();
@@ -158,6 +167,7 @@ private:
     Matrix<float, 3, 3> map_drift_;             ///< of the best particle after the last update
     std::array<float, kBearingBins> farthest_m_{};
     float range_max_m_ = 0.0F;
+    float rough_ = 1.0F;   ///< laser noise found over the one told
     Result result_;
     std::array<Particle, kMaxParticles> particles_{};
     std::array<float, kMaxParticles> weight_{};

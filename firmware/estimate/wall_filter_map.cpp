@@ -16,6 +16,8 @@ constexpr float kOccluded_m = 0.15F;
 constexpr float kMergeShare = 0.5F;         // of the floors that association forgives
 constexpr float kMergeDirection = 0.998F;   // cosine of 3.6 degrees
 constexpr float kMergeOverlap_m = 0.2F;
+constexpr float kWholeWall_m = 1.0F;
+constexpr std::int16_t kFleeting = 5;       // sweeps below which a wall is not kept over a loss
 
 }  // namespace
 
@@ -100,9 +102,13 @@ Matrix<float, 3, 3> WallFilter::drift_of(const Particle& particle, const std::ar
 void WallFilter::tie(Landmark& landmark, const Pose2<Map, Body>& pose, const Matrix<float, 3, 3>& drift) const {
     const float c = landmark.cos_beta;
     const float s = landmark.sin_beta;
-    landmark.drift_m2 = c * c * drift(0, 0) + 2.0F * c * s * drift(0, 1) + s * s * drift(1, 1) + parameters_.wall_floor_m * parameters_.wall_floor_m;
-    landmark.drift_rad2 = drift(2, 2) + parameters_.wall_floor_rad * parameters_.wall_floor_rad;
+    // A short piece says less of itself than its points do: its ends are corners.
+    const float short_of = std::max(1.0F, kWholeWall_m / std::max(0.1F, landmark.to_m - landmark.from_m));
+    const float floor_m = rough_ * parameters_.tie_floor_m * short_of * short_of;
+    landmark.drift_m2 = c * c * drift(0, 0) + 2.0F * c * s * drift(0, 1) + s * s * drift(1, 1) + floor_m * floor_m;
+    landmark.drift_rad2 = drift(2, 2) + rough_ * rough_ * parameters_.tie_floor_rad * parameters_.tie_floor_rad;
     landmark.tied_along_m = landmark.along(pose.x_m, pose.y_m);
+    landmark.doubt = {eigen_symmetric(drift(0, 0), drift(0, 1), drift(1, 1)).large, drift(2, 2)};
 }
 
 void WallFilter::merge_landmarks(Particle& particle) {
@@ -157,6 +163,7 @@ void WallFilter::merge_landmarks(Particle& particle) {
 void WallFilter::prepare_bearings(const LevelScan& scan) {
     farthest_m_.fill(0.0F);
     range_max_m_ = scan.range_max_m;
+    rough_ = scan.range_noise_m > 0.0F ? scan.range_noise_m / parameters_.laser_range_noise_m : 1.0F;
     constexpr float kScale = static_cast<float>(kBearingBins) / (2.0F * kPi);
     for (const ScanPoint& point : scan.points) {
         const float bearing_rad = std::atan2(point.y_m, point.x_m);
@@ -217,14 +224,81 @@ void WallFilter::best_walls(Bounded<WallSegment, kMaxWalls>& out) const {
     }
 }
 
-void WallFilter::change_layer(StoredWalls& from, const StoredWalls& to) {
+void WallFilter::change_layer(StoredWalls& from, StoredWalls& to) {
     const Particle& best = particles_[best_];
-    from.count = best.count;
-    std::copy_n(best.landmarks.begin(), static_cast<std::size_t>(best.count), from.landmarks.begin());
+    for (std::int32_t i = 0; i < best.count; ++i) { static_cast<void>(keep_most(from, best.landmarks[static_cast<std::size_t>(i)])); }
     for (std::size_t i = 0; i < count(); ++i) {
         particles_[i].count = to.count;
         std::copy_n(to.landmarks.begin(), static_cast<std::size_t>(to.count), particles_[i].landmarks.begin());
     }
+    to.count = 0;
+}
+
+bool WallFilter::keep_most(StoredWalls& store, const Landmark& landmark) {
+    if (store.count < static_cast<std::int32_t>(kMaxLandmarks)) {
+        store.landmarks[static_cast<std::size_t>(store.count++)] = landmark;
+        return true;
+    }
+    auto* const least = std::min_element(store.landmarks.begin(), store.landmarks.end(), [](const Landmark& a, const Landmark& b) { return a.seen < b.seen; });
+    if (least->seen < landmark.seen) { *least = landmark; }
+    return false;
+}
+
+void WallFilter::begin_epoch(StoredWalls& before, const FrameDoubt& more) {
+    if (following_) { rejoin(); }
+    const Particle& best = particles_[best_];
+    for (std::int32_t i = 0; i < best.count; ++i) {
+        const Landmark& landmark = best.landmarks[static_cast<std::size_t>(i)];
+        if (landmark.seen < kFleeting) { continue; }
+        if (!keep_most(before, landmark)) { ++counters_.evicted; }
+    }
+    for (Particle& particle : particles_) { particle.count = 0; }
+    map_drift_(0, 0) += more.m2;
+    map_drift_(1, 1) += more.m2;
+    map_drift_(2, 2) += more.rad2;
+}
+
+void WallFilter::anchor(const Matrix<float, 3, 3>& local) {
+    for (std::size_t k = 0; k < 9; ++k) { map_drift_.values[k] += local.values[k]; }
+    map_drift_(0, 2) = map_drift_(1, 2) = map_drift_(2, 0) = map_drift_(2, 1) = 0.0F;
+    result_.map_drift = map_drift_;
+    spread_ = Matrix<float, 3, 3>{};
+    for (std::size_t i = 0; i < count(); ++i) { particles_[i].pose = mean_; }
+}
+
+void WallFilter::relocate(const Relocation& relocation, StoredWalls& before, const float sigma_m, const float sigma_rad) {
+    Particle& best = particles_[best_];
+    StoredWalls all;
+    for (std::int32_t i = 0; i < before.count; ++i) { static_cast<void>(keep_most(all, before.landmarks[static_cast<std::size_t>(i)])); }
+    for (std::int32_t i = 0; i < best.count; ++i) {
+        if (!keep_most(all, best.landmarks[static_cast<std::size_t>(i)])) { ++counters_.evicted; }
+    }
+    const std::int32_t most = std::clamp(parameters_.landmarks_max, 1, static_cast<std::int32_t>(kMaxLandmarks));
+    best.count = std::min(all.count, most);
+    for (std::int32_t i = 0; i < best.count; ++i) {
+        Landmark& landmark = best.landmarks[static_cast<std::size_t>(i)];
+        landmark = all.landmarks[static_cast<std::size_t>(i)];
+        const Pose2<Map, Map> part = relocation.part(relocation.share(landmark.doubt));
+        const Point2<Map> anchor = part * Point2<Map>{landmark.anchor_x_m, landmark.anchor_y_m};
+        landmark.anchor_x_m = anchor.x_m;
+        landmark.anchor_y_m = anchor.y_m;
+        landmark.set_beta(landmark.beta_rad + part.yaw_rad);
+        landmark.doubt = relocation.left(landmark.doubt);
+        landmark.drift_m2 = std::min(landmark.drift_m2, landmark.doubt.m2 + sigma_m * sigma_m);
+        landmark.drift_rad2 = std::min(landmark.drift_rad2, landmark.doubt.rad2 + sigma_rad * sigma_rad);
+    }
+    before.count = 0;
+    mean_ = relocation.correction * mean_;
+    spread_ = Matrix<float, 3, 3>{};
+    spread_(0, 0) = spread_(1, 1) = sigma_m * sigma_m;
+    spread_(2, 2) = sigma_rad * sigma_rad;
+    map_drift_ = Matrix<float, 3, 3>{};
+    map_drift_(0, 0) = map_drift_(1, 1) = relocation.before.m2;
+    map_drift_(2, 2) = relocation.before.rad2;
+    result_.pose = mean_;
+    result_.spread = spread_;
+    result_.map_drift = map_drift_;
+    rejoin();
 }
 
 }  // namespace noctule

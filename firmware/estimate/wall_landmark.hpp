@@ -14,6 +14,7 @@
 #include "core/frames.hpp"
 #include "core/gaussian.hpp"
 #include "core/matrix.hpp"
+#include "estimate/relocation.hpp"
 #include "sense/walls.hpp"
 
 namespace noctule {
@@ -76,6 +77,7 @@ struct Landmark {
     float drift_m2 = 0.0F;      ///< across the wall, of the pose from which it was tied
     float drift_rad2 = 0.0F;
     float tied_along_m = 0.0F;  ///< coordinate along the wall of that pose
+    FrameDoubt doubt;           ///< of that pose, in all directions
     std::int16_t trust = 0;   ///< visibility counter
     std::int16_t seen = 0;    ///< sweeps that matched it
 

@@ -159,6 +159,86 @@ void paper_preset_works() {
     TEST_ASSERT_TRUE(localiser->estimate().landmarks <= 12);
 }
 
+/// Flies, is carried back by some seconds of the way while nothing is measured, and flies on from there.
+void carried_back_it_says_lost_and_finds_the_place_in_the_old_map() {
+    const Parameters parameters;
+    auto localiser = std::make_unique<Localiser>(parameters);
+    const Place place = two_rooms();
+    const Flight flight(place.way, 0.8, 1.0);
+    Sensors sensors(place.world, flight, Noise{}, 9U);
+    sensors.laser_height_m = static_cast<double>(parameters.lidar_z_m);
+    auto frame = std::make_unique<SensorFrame>();
+    constexpr double kAt_s = 22.0, kBack_s = 17.0;
+    const test::Truth start = flight.at(0.0);
+    int first_lost = -1, found = -1, silent = 0;
+    double error_m = 0.0;
+    std::int32_t resets_before = 0;
+    for (int k = 0; k * 0.05 <= kAt_s + 24.0; ++k) {
+        const double t_s = k * 0.05;
+        const double on_way_s = t_s > kAt_s ? t_s - kBack_s : t_s;
+        sensors.frame(on_way_s, *frame);
+        // The clock goes on.
+        const std::int64_t late_us = Sensors::us(t_s) - Sensors::us(on_way_s);
+        frame->scan.t_us += late_us;
+        for (ImuSample& sample : frame->imu) { sample.t_us += late_us; }
+        for (AttitudeSample& sample : frame->attitude) { sample.t_us += late_us; }
+        const PlanarEstimate& e = localiser->update(*frame, AltitudeEstimate{});
+        double x_m = 0.0, y_m = 0.0, yaw_rad = 0.0;
+        test::in_map(start, flight.at(on_way_s), x_m, y_m, yaw_rad);
+        error_m = std::hypot(static_cast<double>(e.pose_map_body.x_m) - x_m, static_cast<double>(e.pose_map_body.y_m) - y_m);
+        if (t_s <= kAt_s) {
+            TEST_ASSERT_TRUE(e.quality >= 0);
+            resets_before = e.reset_counter;
+            continue;
+        }
+        if (e.quality < 0 && first_lost < 0) { first_lost = k; }
+        if (e.quality >= 0 && found < 0 && first_lost >= 0) {
+            found = k;
+            TEST_ASSERT_TRUE(error_m < 0.05);
+            TEST_ASSERT_TRUE(e.reset_counter > resets_before);
+        }
+        silent += e.quality >= 0 && error_m > 0.1 ? 1 : 0;
+    }
+    TEST_ASSERT_EQUAL_INT(0, silent);
+    TEST_ASSERT_TRUE(first_lost >= 0);
+    TEST_ASSERT_TRUE(found >= 0);
+    TEST_ASSERT_TRUE(error_m < 0.02);
+    TEST_ASSERT_EQUAL_UINT32(1U, localiser->counters().carried);
+    TEST_ASSERT_EQUAL_UINT32(1U, localiser->counters().recognised);
+}
+
+void carried_to_where_it_never_was_it_stays_lost() {
+    const Parameters parameters;
+    auto localiser = std::make_unique<Localiser>(parameters);
+    Place here = one_room();
+    Place there;
+    there.world.box(0, 0, 14, 9);
+    there.world.box(4, 5, 7, 5.6);
+    there.world.box(9.3, 2, 9.8, 4.4);
+    there.world.circles = {{2.2, 6.5, 0.4}};
+    there.way = {{1, 1}, {8, 1.4}, {12.5, 4.5}, {8, 7.5}, {2, 3.2}};
+    there.turn();
+    Sensors* sensors = nullptr;
+    auto frame = std::make_unique<SensorFrame>();
+    const Flight first(here.way, 0.8, 1.0), second(there.way, 0.8, 1.0);
+    Sensors at_home(here.world, first, Noise{}, 3U), elsewhere(there.world, second, Noise{}, 4U);
+    at_home.laser_height_m = elsewhere.laser_height_m = static_cast<double>(parameters.lidar_z_m);
+    constexpr double kAt_s = 12.0;
+    for (int k = 0; k * 0.05 <= kAt_s + 18.0; ++k) {
+        const double t_s = k * 0.05;
+        sensors = t_s > kAt_s ? &elsewhere : &at_home;
+        const double on_way_s = t_s > kAt_s ? t_s - kAt_s + 1.0 : t_s;
+        sensors->frame(on_way_s, *frame);
+        const std::int64_t late_us = Sensors::us(t_s) - Sensors::us(on_way_s);
+        frame->scan.t_us += late_us;
+        for (ImuSample& sample : frame->imu) { sample.t_us += late_us; }
+        for (AttitudeSample& sample : frame->attitude) { sample.t_us += late_us; }
+        const PlanarEstimate& e = localiser->update(*frame, AltitudeEstimate{});
+        if (t_s > kAt_s + 0.3) { TEST_ASSERT_TRUE(e.quality < 0); }
+    }
+    TEST_ASSERT_EQUAL_UINT32(0U, localiser->counters().recognised);
+}
+
 void a_long_blind_corridor_is_called_lost() {
     const Parameters parameters;
     auto localiser = std::make_unique<Localiser>(parameters);
@@ -272,6 +352,8 @@ int main() {
     RUN_TEST(closes_a_loop_through_two_rooms);
     RUN_TEST(works_with_fifty_hertz_and_three_centimetres);
     RUN_TEST(paper_preset_works);
+    RUN_TEST(carried_back_it_says_lost_and_finds_the_place_in_the_old_map);
+    RUN_TEST(carried_to_where_it_never_was_it_stays_lost);
     RUN_TEST(a_long_blind_corridor_is_called_lost);
     RUN_TEST(a_round_room_is_localised_by_points);
     RUN_TEST(bad_frames_are_bridged_and_counted);

@@ -55,7 +55,7 @@ std::unique_ptr<ScanTracker> taught(Random& random) {
     for (int k = 0; k < 6; ++k) {
         const Pose2<Map, Body> pose{0.35F * static_cast<float>(k) - 1.0F, 0.0F, 0.0F};
         tracker->take(sweep(pose, random, 0.01F));
-        tracker->keep(pose);
+        tracker->keep(pose, {});
     }
     return tracker;
 }
@@ -103,7 +103,7 @@ void test_between_two_parallel_walls_nothing_is_said_along_them() {
         return scan;
     };
     tracker.take(corridor(0.0F));
-    tracker.keep({});
+    tracker.keep({}, {});
     tracker.take(corridor(0.1F));
     const ScanFit& fit = tracker.match({0.05F, 0.05F, 0.0F}, covariance(0.05F, 0.02F));
     TEST_ASSERT_TRUE(fit.match.valid);
@@ -117,7 +117,7 @@ void test_an_empty_map_and_an_empty_sweep_give_no_match() {
     ScanTracker tracker(parameters);
     tracker.take(sweep({}, random, 0.01F));
     TEST_ASSERT_FALSE(tracker.match({}, covariance(0.1F, 0.1F)).match.valid);
-    tracker.keep({});
+    tracker.keep({}, {});
     tracker.take(LevelScan{});
     TEST_ASSERT_FALSE(tracker.match({}, covariance(0.1F, 0.1F)).match.valid);
 }
@@ -131,9 +131,9 @@ void test_a_full_pool_gives_up_the_most_crowded_keyframe() {
     for (std::size_t k = 0; k < kMaxKeyframes; ++k) {
         // One of them stands close to the one before.
         const float x_m = static_cast<float>(k) - (k == kClose ? 0.9F : 0.0F);
-        frames->add(shape, {x_m, 0.0F, 0.0F});
+        frames->add(shape, {x_m, 0.0F, 0.0F}, {}, 0);
     }
-    frames->add(shape, {static_cast<float>(kMaxKeyframes), 0.0F, 0.0F});
+    frames->add(shape, {static_cast<float>(kMaxKeyframes), 0.0F, 0.0F}, {}, 0);
     TEST_ASSERT_EQUAL(kMaxKeyframes, frames->size());
     TEST_ASSERT_EQUAL(1, frames->evicted());
     TEST_ASSERT_EQUAL_FLOAT(kCloseM - 2.0F, frames->pose(kClose - 2U).x_m);
