@@ -174,13 +174,13 @@ void noctule_replay_grid_format(const noctule_replay* self, float* cell_m, std::
     *cells_per_tile = noctule::kTileCells;
 }
 
-/// Refused samples, refused beams, coasted, blind scans, lost, landmarks evicted, cells evicted, scans not mapped, tiles refused.
+/// Refused samples, refused beams, coasted, blind scans, lost, landmarks evicted, cells evicted, scans not mapped, tiles refused, carried, recognised.
 std::size_t noctule_replay_counters(const noctule_replay* self, std::uint32_t* out, const std::size_t capacity) {
     if (self->localiser == nullptr) { return 0; }
     const noctule::Localiser::Counters c = self->localiser->counters();
     const noctule::OccupancyGrid::Counters& g = self->grid->counters();
     const std::uint32_t all[] = {c.refused_samples, c.refused_beams,     c.coasted,       c.blind_scans,  c.lost,
-                                 c.landmarks_evicted, c.cells_evicted, g.scans_refused, g.tiles_refused};
+                                 c.landmarks_evicted, c.cells_evicted, g.scans_refused, g.tiles_refused, c.carried, c.recognised};
     std::size_t n = 0;
     for (const std::uint32_t value : all) {
         if (n == capacity) { break; }

@@ -16,6 +16,7 @@ constexpr float kElongated = 3.5F;          // ratio of variances from which a c
 constexpr float kCountCap = 4000.0F;
 constexpr int kRounds = 6;
 constexpr std::int32_t kPointsMin = 8;
+constexpr float kLean2 = 3.0e-3F;           // square of three degrees: how much cells lean
 constexpr float kRobust2 = 6.0F;            // squared distance at which a point's weight has fallen to a quarter
 
 constexpr std::int32_t kAxisBits = 14;      // of a cell's place; at 0.1 m that is +-819 m
@@ -217,6 +218,16 @@ PoseMatch PointMap::match(const std::size_t layer, const MatchPoints& points, co
         const Matrix<float, 3, 1> step = inverse * (b + prior * back);
         if (round + 1 == kRounds || (std::abs(step(0, 0)) + std::abs(step(1, 0)) < 1e-4F && std::abs(step(2, 0)) < 2e-5F)) { break; }
         pose = {pose.x_m + step(0, 0), pose.y_m + step(1, 0), wrap_angle(pose.yaw_rad + step(2, 0))};
+    }
+    // Cells of one straight surface lean a little this way and that; that is not where along it they were seen.
+    const Eigen2<float> eigen = eigen_symmetric(lambda(0, 0), lambda(0, 1), lambda(1, 1));
+    if (eigen.small < kLean2 * eigen.large) {
+        const float c = std::cos(eigen.direction_rad);
+        const float s = std::sin(eigen.direction_rad);
+        Matrix<float, 3, 3> keep;
+        keep.values = {c * c, c * s, 0.0F, c * s, s * s, 0.0F, 0.0F, 0.0F, 1.0F};
+        lambda = keep * lambda * keep;
+        b = keep * b;
     }
     // However many points agree, cells are no better than this: Lambda' = Lambda (I + F Lambda)^-1, and b alike.
     Matrix<float, 3, 3> floor;

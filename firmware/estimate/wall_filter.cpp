@@ -14,6 +14,7 @@ constexpr float kOffsetGate_m = 0.6F;     // across the wall; the statistical ga
 constexpr float kParallel_rad2 = 3.0e-4F;
 // Doubt about a wall's direction in the product with the place along it (4.5 mrad).
 constexpr float kSlide_rad2 = 2.0e-5F;
+constexpr double kRounding = 1.0e-6;        // of what float loses of a sum of squares
 // What is left in the next step of doubt about the frame once a wall is met that was tied better: it must be met for a while.
 constexpr float kDriftLeft = 0.98F;
 
@@ -50,6 +51,10 @@ constexpr float kDriftLeft = 0.98F;
         wide_p.values[k] = static_cast<double>(p.values[k]);
         wide_lambda.values[k] = static_cast<double>(lambda.values[k]);
     }
+    // In float a covariance of tens of metres by millimetres, turned, need not be positive.
+    const double rounding_m2 = kRounding * (wide_p(0, 0) + wide_p(1, 1));
+    wide_p(0, 0) += rounding_m2;
+    wide_p(1, 1) += rounding_m2;
     Matrix<double, 3, 1> none;
     double direction_rad = 0.0;
     static_cast<void>(drop_phantom_direction(wide_lambda, none, direction_rad));

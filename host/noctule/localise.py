@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 COUNTERS = ("refused_samples", "refused_beams", "coasted", "blind_scans", "lost", "landmarks_evicted", "cells_evicted",
-            "scans_not_mapped", "tiles_refused")
+            "scans_not_mapped", "tiles_refused", "carried", "recognised")
 TILE_CELLS = 64
 
 

@@ -176,6 +176,23 @@ def samples(plan: Plan, motion: Motion, seed: int, sensors: Profile) -> Flown:
     return Flown(scan_t_us, scans, layout, imu_t_us, imu, attitude_t_us, told, truth)
 
 
+def carried_back(flown: Flown, at_s: float, back_s: float) -> Flown:
+    """The flight up to at_s, and then once more from back_s before: as if the vehicle had been carried there in no time, unseen.
+
+    Sample times go on; at_s and back_s are whole sweeps.
+    """
+    at_us, back_us = int(round(at_s * 1e6)), int(round(back_s * 1e6))
+
+    def glue(t_us, *values):
+        before, after = t_us <= at_us, t_us > at_us - back_us
+        return [np.concatenate([t_us[before], t_us[after] + back_us]), *(np.concatenate([v[before], v[after]]) for v in values)]
+
+    scan_t_us, scans, truth = glue(flown.scan_t_us, flown.scans, flown.truth)
+    imu_t_us, imu = glue(flown.imu_t_us, flown.imu)
+    attitude_t_us, roll_pitch = glue(flown.attitude_t_us, flown.roll_pitch)
+    return Flown(scan_t_us, scans, flown.layout, imu_t_us, imu, attitude_t_us, roll_pitch, truth)
+
+
 @dataclass
 class Errors:
     """One flight's errors at every sweep."""

@@ -144,3 +144,15 @@ def test_off_and_silent_is_told_from_off_and_said():
     e.nees[:] = (30.0, 30.0, 10.0, 30.0)
     e.lost_at[3] = True
     assert bench_localisation.untold(e).tolist() == [False, True, False, False]
+
+
+def test_carried_back_the_way_is_flown_twice_and_the_clock_goes_on():
+    plan = planar_scenes.rooms()
+    flown = planar_profile.samples(plan, Motion(plan, 6.0), 1, PROFILES["ideal"])
+    twice = planar_profile.carried_back(flown, 4.0, 2.5)
+    for t_us in (twice.scan_t_us, twice.imu_t_us, twice.attitude_t_us):
+        assert (np.diff(t_us) > 0).all()
+    assert twice.scan_t_us[-1] == flown.scan_t_us[-1] + 2_500_000 and len(twice.scans) == len(twice.truth) == len(flown.scans) + 50
+    k = int(np.searchsorted(twice.scan_t_us, 4_050_000))
+    np.testing.assert_array_equal(twice.scans[k], flown.scans[int(np.searchsorted(flown.scan_t_us, 1_550_000))])
+    assert np.hypot(*(twice.truth[k] - twice.truth[k - 1])[:2]) > 0.5

@@ -246,3 +246,25 @@ def test_relations_on_a_clock_of_their_own(tmp_path):
     late = np.array([(a - 0.2, b - 0.2, *between(poses[i], poses[j])) for (a, b), (i, j) in zip(at, ((10, 40), (20, 70)))])
     assert carmen.relation_errors(log, t_s, poses, late, 0.2).translation_m.max() < 1e-6
     assert carmen.relation_errors(log, t_s, poses, late).translation_m.max() > 1e-4
+
+
+def test_stamps_alone_tell_another_clock():
+    """Sweeps every 0.2 s, relations between some of them stamped 0.07 s later, both a little unevenly."""
+    rng = np.random.default_rng(7)
+    t_s = 10.0 + 0.2 * np.arange(300) + rng.uniform(-0.01, 0.01, 300)
+    named = np.arange(5, 290, 4)
+    stamps = t_s[named] + 0.07 + rng.uniform(-0.01, 0.01, len(named))
+    relations = np.array([(a, b, 0.0, 0.0, 0.0) for a, b in zip(stamps, stamps[1:])])
+    clock_s, apart_s = carmen.clock_of_stamps(t_s, relations)
+    assert clock_s == pytest.approx(-0.07, abs=0.011) and apart_s < 0.01
+    assert carmen.clock_of_stamps(t_s, np.array([(t_s[3], t_s[9], 0.0, 0.0, 0.0)]))[0] == 0.0
+
+
+def test_a_relation_may_mean_a_sweep_and_not_a_time_between(tmp_path):
+    write_log(tmp_path / "a.clf")
+    log = carmen.read(tmp_path / "a.clf")
+    t_s, poses = np.array(log.scan_t_s), np.array(log.scan_pose)
+    gap_s = float(np.diff(t_s).min())
+    late = np.array([(t_s[i] + 0.4 * gap_s, t_s[i + 30] + 0.3 * gap_s, *between(poses[i], poses[i + 30])) for i in (10, 25)])
+    assert carmen.relation_errors(log, t_s, poses, late, 0.0, 0.45 * gap_s).translation_m.max() < 1e-6
+    assert carmen.relation_errors(log, t_s, poses, late).translation_m.max() > 1e-4
