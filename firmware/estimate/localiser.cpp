@@ -26,6 +26,7 @@ constexpr float kRounding = 1.0e-6F;
 constexpr double kSpeedDoubt = 3.0;
 
 // Surroundings that are suddenly others: share of the sweep that the map explained before, and then no more, for so many sweeps.
+constexpr float kClimb_m_s = 0.15F;
 constexpr float kExplainedUsual = 0.6F;
 constexpr float kExplainedLeast = 0.35F;
 constexpr float kGoneLeast = 0.25F;
@@ -276,10 +277,10 @@ const PlanarEstimate& Localiser::finish(const SensorFrame& frame, const Altitude
     estimate_.effective_particles = result.effective_particles;
     estimate_.pose_map_body = result.pose;
     publish(predicted, result, informed);
-    if (parameters_.scan_match != 0 && !external_motion_) { watch_surroundings(result.pose); }
+    if (parameters_.scan_match != 0 && !external_motion_) { watch_surroundings(result.pose, std::abs(last_altitude.vz_m_s) > kClimb_m_s); }
     if (parted_ && estimate_.quality < 0 && match_leads_ && tracker_.shape().size() >= kCarriedPoints) { anchor(); }
     if (strange_ == 0 && (estimate_.quality >= 0 || carried_)) { keep_sweep(result.pose); }
-    if (parameters_.scan_match != 0 && parameters_.place_search != 0 && !external_motion_) { recognise(); }
+    if (parameters_.scan_match != 0 && parameters_.place_search != 0 && !external_motion_ && layer_ != static_cast<std::size_t>(kShaftLayer)) { recognise(); }
     return estimate_;
 }
 
@@ -298,7 +299,13 @@ Matrix<float, 3, 3> Localiser::published_covariance() const {
     return p;
 }
 
-void Localiser::watch_surroundings(const Pose2<Map, Body>& pose) {
+void Localiser::watch_surroundings(const Pose2<Map, Body>& pose, const bool climbs) {
+    // Another height shows other things, and a shaft is passed once.
+    if (climbs || layer_ == static_cast<std::size_t>(kShaftLayer)) {
+        strange_ = 0;
+        familiar_ = 0;
+        return;
+    }
     // Surroundings change gradually as the vehicle moves; all at once only if it was carried (docs/maths/scan_match.md#place).
     const float explained = tracker_.explained(pose);
     // Much that is new alone is no wonder where walls come into range; what was there must be gone, too.

@@ -63,7 +63,7 @@ public:
     [[nodiscard]] const WallExtractor& extractor() const { return extractor_; }
     [[nodiscard]] const WallFilter& filter() const { return filter_; }
     [[nodiscard]] const ScanTracker& tracker() const { return tracker_; }
-    [[nodiscard]] const PointMap& points() const { return points_[layer_]; }   ///< of the present layer
+    [[nodiscard]] const PointMap& points() const { return points_; }
 
 private:
     void take_attitude(const SensorFrame& frame);
@@ -75,7 +75,7 @@ private:
     void collect_match_points();
     [[nodiscard]] bool match_leads();
     void keep_sweep(const Pose2<Map, Body>& pose);
-    void watch_surroundings(const Pose2<Map, Body>& pose);
+    void watch_surroundings(const Pose2<Map, Body>& pose, bool climbs);
     void lose(const FrameDoubt& more);
     void anchor();
     void recognise();

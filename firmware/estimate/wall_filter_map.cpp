@@ -273,8 +273,8 @@ void WallFilter::relocate(const Relocation& relocation, StoredWalls& before, con
     for (std::int32_t i = 0; i < best.count; ++i) {
         if (!keep_most(all, best.landmarks[static_cast<std::size_t>(i)])) { ++counters_.evicted; }
     }
-    const std::int32_t most = std::clamp(parameters_.landmarks_max, 1, static_cast<std::int32_t>(kMaxLandmarks));
-    best.count = std::min(all.count, most);
+    const std::int32_t most = std::clamp<std::int32_t>(parameters_.landmarks_max, 1, static_cast<std::int32_t>(kMaxLandmarks));
+    best.count = std::min<std::int32_t>(all.count, most);
     for (std::int32_t i = 0; i < best.count; ++i) {
         Landmark& landmark = best.landmarks[static_cast<std::size_t>(i)];
         landmark = all.landmarks[static_cast<std::size_t>(i)];
