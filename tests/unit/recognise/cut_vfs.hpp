@@ -51,7 +51,7 @@ struct Disk {
         const std::size_t size = std::min(most, w.data.size());
         const std::size_t at = static_cast<std::size_t>(w.offset);
         if (bytes.size() < at + size) { bytes.resize(at + size); }
-        std::copy_n(w.data.begin(), size, bytes.begin() + w.offset);
+        std::copy_n(w.data.begin(), size, bytes.begin() + static_cast<std::ptrdiff_t>(at));
     }
 
     /// The disk as it is found when the power is back.
