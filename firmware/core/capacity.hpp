@@ -49,7 +49,7 @@ inline constexpr std::int32_t kMaxFloors = static_cast<std::int32_t>(kFloorSlots
 inline constexpr std::size_t kMaxTouchedTiles = by_profile(128, 64, 24);  ///< tiles that one sweep can touch; beyond, its beams count one by one
 inline constexpr std::size_t kMaxFieldTiles = by_profile(320, 128, 8);  ///< tiles of one floor with costs of the way; what lies beyond is not reachable
 inline constexpr std::size_t kTileDirectory = by_profile(2048, 1024, 32);  ///< entries of the tile directory, a power of two over twice kMaxTiles
-inline constexpr std::size_t kMaxOpenCells = by_profile(131072, 32768, 2048);  ///< open entries of one search over the grid; a further one is dropped
+inline constexpr std::size_t kMaxOpenCells = by_profile(65536, 32768, 2048);  ///< open entries of one search over the grid; a further one is dropped
 inline constexpr std::size_t kMaxFrontierCells = by_profile(32768, 8192, 512);  ///< cells at the edge of the unknown in one pass; later ones wait for the next
 inline constexpr std::size_t kMaxFrontiers = by_profile(128, 64, 32);  ///< groups of them in one pass; the smallest gives way
 inline constexpr std::size_t kMaxStops = by_profile(64, 64, 24);  ///< stops of the explorer's tour, the vehicle is one; the farthest are left for later
@@ -61,7 +61,7 @@ inline constexpr std::size_t kMaxPaperSide = by_profile(320, 320, 32);  ///< cel
 inline constexpr std::size_t kPotentialWindow = by_profile(64, 64, 32);  ///< cells along a side of the potential's ring, a power of two; a wider window is cut to it
 
 // Floors.
-inline constexpr std::size_t kMaxVerticalCells = by_profile(32768, 8192, 1024);  ///< places in which something over or under was seen, a power of two; at 7/8 of it a new one is refused
+inline constexpr std::size_t kMaxVerticalCells = by_profile(32768, 8192, 512);  ///< places in which something over or under was seen, a power of two; at 7/8 of it a new one is refused
 inline constexpr std::size_t kMaxOpenings = by_profile(64, 32, 16);  ///< openings judged (taken, refused, without a floor behind); the oldest that was refused gives way
 inline constexpr std::size_t kMaxElevationBins = 512;    ///< bins of 5 cm in the distribution of elevations; what lies beyond is left out
 inline constexpr std::size_t kMaxAtlasObjects = 128;     ///< objects in the atlas; more are left out
