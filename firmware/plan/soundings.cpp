@@ -108,7 +108,7 @@ void SoundingSearch::look_into(const OccupancyGrid& grid, const Traversability& 
 bool SoundingSearch::run(const OccupancyGrid& grid, const Traversability& where, const CostField& from, const TriedPlaces& tried, const Soundings& soundings,
                          const std::int64_t t_us) {
     const float tile_m = grid.geometry().to_metres(static_cast<float>(kTileCells));
-    const std::int32_t parts = std::clamp(static_cast<std::int32_t>(std::lround(tile_m / (kPatchPerRadius * std::max(soundings.wanted_m(), 0.2F)))), 1, 16);
+    const std::int32_t parts = std::clamp<std::int32_t>(static_cast<std::int32_t>(std::lround(tile_m / (kPatchPerRadius * std::max(soundings.wanted_m(), 0.2F)))), 1, 16);
     const auto edge = [&](const std::int32_t k) { return k * kTileCells / parts / kSampleCells * kSampleCells; };
     for (std::int32_t n = 0; n < kTilesPerSlice && tile_ < grid.tile_count(); ++tile_) {
         if (!grid.on_floor(tile_)) { continue; }
