@@ -11,7 +11,7 @@ namespace noctule {
 namespace {
 
 constexpr float kSlackM = 0.05F;          ///< places are known to half a cell
-constexpr float kRingShare = 0.8F;        ///< of the safety distance: there the look round goes
+constexpr float kRingShare = 0.95F;       ///< of the safety distance: there the look round goes
 constexpr float kRingMostM = 0.6F;        ///< a wide safety distance is not looked at all round
 constexpr float kBesideM = 0.35F;         ///< a place is tried if something beyond was seen this near
 constexpr float kSideRoomM = 0.30F;       ///< from hull to what the laser sees, at least: a tread just under the laser's plane reaches so far before the next one
@@ -59,7 +59,7 @@ std::int32_t OpeningJudge::unknown_round(const OccupancyGrid& grid, const Traver
         for (; r > 0.1F; r -= 0.1F) {
             spot = {x_m + r * std::cos(a), y_m + r * std::sin(a)};
             const CellId at = grid.find(spot.x_m, spot.y_m);
-        if (where.passable(at) && where.clearance_cm(at) >= need_cm) { break; }
+            if (where.passable(at) && where.clearance_cm(at) >= need_cm) { break; }
         }
         bool known = r <= 0.1F;
         const auto i = static_cast<std::int32_t>(std::floor(spot.x_m / cell_m_)) - centre_.ix + kReach;

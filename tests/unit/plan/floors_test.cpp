@@ -66,7 +66,10 @@ void openings_are_found_wherever_they_are() {
         const auto flight = std::make_unique<Flight>(o);
         TEST_ASSERT_TRUE_MESSAGE(flight->until_shift(), "an opening was missed");
         std::printf("  %.1f m at (%.1f, %.1f): after %.0f s\n", o.side, o.x, o.y, flight->loop.time_s());
-        TEST_ASSERT_TRUE(std::hypot(flight->loop.x - o.x, flight->loop.y - o.y) < 0.5 * o.side);
+        for (double a = 0.0; a < 6.2; a += 0.5) {   // the whole hull is under it
+            const double hull_m = static_cast<double>(flight->p.hull_radius_m);
+            TEST_ASSERT_TRUE(o.holds(flight->loop.x + hull_m * std::cos(a), flight->loop.y + hull_m * std::sin(a)));
+        }
     }
 }
 
