@@ -14,7 +14,7 @@ constexpr float kSlackM = 0.05F;          ///< places are known to half a cell
 constexpr float kRingShare = 0.95F;       ///< of the safety distance: there the look round goes
 constexpr float kRingMostM = 0.6F;        ///< a wide safety distance is not looked at all round
 constexpr float kBesideM = 0.35F;         ///< a place is tried if something beyond was seen this near
-constexpr float kSideRoomM = 0.30F;       ///< from hull to what the laser sees, at least: a tread just under the laser's plane reaches so far before the next one
+constexpr float kSideRoomM = 0.15F;       ///< from hull to what the laser sees, at least: a tread just under the laser's plane reaches farther; more room leaves the looks too near to prove anything
 constexpr float kWideM = 1.0F;            ///< more room than this counts no more
 constexpr float kUnknownCostM = 0.10F;    ///< room that a spot not yet looked at is worth
 constexpr float kWayCost = 0.05F;
@@ -49,7 +49,6 @@ void OpeningJudge::draw(const VerticalMap& map, const std::int8_t floor, const V
 std::int32_t OpeningJudge::unknown_round(const OccupancyGrid& grid, const Traversability& where, const float x_m, const float y_m, const float from_x_m,
                                          const float from_y_m, Spot& next) const {
     const float radius_m = std::min(kRingShare * p_.floor_safety_m, kRingMostM);
-    const auto need_cm = static_cast<std::int32_t>(100.0F * (p_.hull_radius_m + kSideRoomM));
     std::int32_t unknown = 0;
     float nearest = std::numeric_limits<float>::infinity();
     for (int k = 0; k < kRing; ++k) {
@@ -58,10 +57,10 @@ std::int32_t OpeningJudge::unknown_round(const OccupancyGrid& grid, const Traver
         float r = radius_m;
         for (; r > 0.1F; r -= 0.1F) {
             spot = {x_m + r * std::cos(a), y_m + r * std::sin(a)};
-            const CellId at = grid.find(spot.x_m, spot.y_m);
-            if (where.passable(at) && where.clearance_cm(at) >= need_cm) { break; }
+            if (where.passable(grid.find(spot.x_m, spot.y_m))) { break; }
         }
-        bool known = r <= 0.1F;
+        if (r < p_.hull_radius_m + kSlackM) { return -1; }
+        bool known = false;
         const auto i = static_cast<std::int32_t>(std::floor(spot.x_m / cell_m_)) - centre_.ix + kReach;
         const auto j = static_cast<std::int32_t>(std::floor(spot.y_m / cell_m_)) - centre_.iy + kReach;
         for (std::int32_t dj = -1; dj <= 1 && !known; ++dj) {
@@ -110,6 +109,7 @@ OpeningVerdict OpeningJudge::judge(const VerticalMap& map, const OccupancyGrid& 
             if (room <= best) { continue; }
             Spot next;
             const std::int32_t unknown = unknown_round(grid, where, x_m, y_m, from_x_m, from_y_m, next);
+            if (unknown < 0) { continue; }
             const float value = room - kUnknownCostM * static_cast<float>(unknown);
             if (value <= best) { continue; }
             best = value;

@@ -59,6 +59,7 @@ private:
     };
     void draw(const VerticalMap& map, std::int8_t floor, VerticalSide side, const BeyondBand& beyond, Cell centre);
     [[nodiscard]] Seen seen(std::int32_t i, std::int32_t j) const;
+    /// Spots round a place that were not looked at; next: the nearest. -1: solid things keep the vehicle too near to look all round the hull.
     [[nodiscard]] std::int32_t unknown_round(const OccupancyGrid& grid, const Traversability& where, float x_m, float y_m, float from_x_m, float from_y_m,
                                              Spot& next) const;
 

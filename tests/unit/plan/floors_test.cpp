@@ -65,7 +65,7 @@ void openings_are_found_wherever_they_are() {
     for (const Opening& o : {Opening{2.0, -1.6, 1.5, 0.9}, {7.2, 5.4, 1.5, 0.9}, {7.4, 0.6, 1.5, 0.2}, {-0.6, 4.0, 1.5, 0.5}, {4.0, 4.5, 3.0, 0.2}}) {
         const auto flight = std::make_unique<Flight>(o);
         TEST_ASSERT_TRUE_MESSAGE(flight->until_shift(), "an opening was missed");
-        std::printf("  %.1f m at (%.1f, %.1f): after %.0f s\n", o.side, o.x, o.y, flight->loop.time_s());
+        std::printf("  %.1f m at (%.1f, %.1f): after %.0f s, from (%.2f, %.2f)\n", o.side, o.x, o.y, flight->loop.time_s(), flight->loop.x, flight->loop.y);
         for (double a = 0.0; a < 6.2; a += 0.5) {   // the whole hull is under it
             const double hull_m = static_cast<double>(flight->p.hull_radius_m);
             TEST_ASSERT_TRUE(o.holds(flight->loop.x + hull_m * std::cos(a), flight->loop.y + hull_m * std::sin(a)));
