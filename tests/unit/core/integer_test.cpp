@@ -40,11 +40,20 @@ void numbers_of_every_size() {
     for (int k = 0; k < 20000; ++k) { check_round((random.uniform() - 0.5F) * std::exp2(40.0F * random.uniform() - 10.0F)); }
 }
 
+void what_fits_no_integer_stays_at_the_end() {
+    constexpr float kInfinity = std::numeric_limits<float>::infinity();
+    TEST_ASSERT_EQUAL_INT32(1000000000, floor_int(3.0e9F));
+    TEST_ASSERT_EQUAL_INT32(1000000000, floor_int(kInfinity));
+    TEST_ASSERT_EQUAL_INT32(-1000000000, floor_int(-kInfinity));
+    TEST_ASSERT_EQUAL_INT32(-1000000000, floor_int(std::numeric_limits<float>::quiet_NaN()));
+}
+
 }  // namespace
 
 int main() {
     UNITY_BEGIN();
     RUN_TEST(whole_and_half_numbers_and_their_neighbours);
     RUN_TEST(numbers_of_every_size);
+    RUN_TEST(what_fits_no_integer_stays_at_the_end);
     return UNITY_END();
 }
