@@ -132,7 +132,7 @@ def test_skew_is_measured():
 @needs_library
 def test_without_data_the_rows_are_left_out(monkeypatch, capsys, tmp_path):
     monkeypatch.setenv("NOCTULE_DATA", str(tmp_path / "none"))
-    for name in ("paper_rows", "skew_rows", "harder_rows"):
+    for name in ("paper_rows", "skew_rows", "harder_rows", "carried_rows"):
         monkeypatch.setattr(bench_localisation, name, lambda *_: [])
     rows = bench.run("localisation", quick=True)
     assert [r["name"] for r in rows] == ["memory of the filter, static", "memory of the map, static"]
