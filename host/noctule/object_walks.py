@@ -90,7 +90,7 @@ def building(seed: int) -> dict:
         b.walls += [(0, 0, x1, 0, f), (x1, 0, x1, y1, f), (x1, y1, 0, y1, f), (0, y1, 0, 0, f)]
         if opening:
             b.taken.append((f, x1 / 2, y1 / 2, 1.9))
-        for side in rng.permutation(4)[: rng.integers(2, 4)]:          # stubs into the room from its sides
+        for side in rng.permutation(4)[: rng.integers(2, 4)]:          # short walls into the room from its sides
             along, depth = rng.uniform(0.3, 0.7), rng.uniform(0.28, 0.42)
             if side < 2:
                 x = round(along * x1, 2)
