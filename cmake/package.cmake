@@ -2,7 +2,7 @@
 if(NOT TARGET noctule-vision OR NOCTULE_SANITIZE)
     return()
 endif()
-install(TARGETS noctule-nav noctule-bridge noctule-vision noctule-lidar noctule-camera RUNTIME DESTINATION bin)
+install(TARGETS noctule-nav noctule-bridge noctule-vision noctule-lidar noctule-camera noctule-video RUNTIME DESTINATION bin)
 file(GLOB package_units packaging/*.service packaging/*.target)
 install(FILES ${package_units} DESTINATION /lib/systemd/system)
 install(FILES packaging/60-noctule.rules DESTINATION /lib/udev/rules.d)
@@ -28,6 +28,7 @@ endif()
 # Written out, not found by dpkg-shlibdeps: that does not see into a sysroot. tests/boards checks that the programs start with these.
 set(CPACK_DEBIAN_PACKAGE_DEPENDS
     "libc6 (>= 2.36), libstdc++6 (>= 12), liblcm1, liblcm-bin, libsqlite3-0, libopencv-core406, libopencv-imgproc406, libopencv-features2d406, libopencv-videoio406, adduser, iproute2")
+set(CPACK_DEBIAN_PACKAGE_SUGGESTS "gstreamer1.0-tools, gstreamer1.0-plugins-base, gstreamer1.0-plugins-good, gstreamer1.0-plugins-ugly")
 set(CPACK_DEBIAN_PACKAGE_CONTROL_EXTRA "${CMAKE_SOURCE_DIR}/packaging/postinst;${CMAKE_SOURCE_DIR}/packaging/prerm;${CMAKE_SOURCE_DIR}/packaging/postrm;${CMAKE_SOURCE_DIR}/packaging/conffiles")
 set(CPACK_DEBIAN_PACKAGE_CONTROL_STRICT_PERMISSION ON)
 include(CPack)

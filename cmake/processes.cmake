@@ -19,7 +19,7 @@ list(FILTER driver_sources EXCLUDE REGEX "/camera_[a-z_]*\\.cpp$")  # OpenCV: re
 add_library(noctule_drivers STATIC ${driver_sources})
 target_link_libraries(noctule_drivers PUBLIC noctule_app PRIVATE noctule_options)
 
-foreach(process nav bridge profile)
+foreach(process nav bridge profile video)
     add_executable(noctule-${process} firmware/app/${process}_main.cpp)
     target_link_libraries(noctule-${process} PRIVATE noctule_app noctule_options)
 endforeach()

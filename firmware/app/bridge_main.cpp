@@ -138,7 +138,8 @@ int run(Bridge& bridge, const std::string& url, const std::string& stats_path) {
     auto on_odom = [&](const noctule::odom_t& message) { bridge.on_odom(message); };
     auto on_scan = [&](const noctule::scan_t& message) { bridge.on_scan(message); };
     auto on_objects = [&](const noctule::objects_t& message) { bridge.on_objects(message); };
-    if (endpoints.has_camera && !endpoints.camera_bus.subscribe<noctule::objects_t>(noctule::kChannelObjects, on_objects)) {
+    auto on_video = [&](const noctule::video_t& message) { bridge.on_video(message); };
+    if (endpoints.has_camera && (!endpoints.camera_bus.subscribe<noctule::objects_t>(noctule::kChannelObjects, on_objects) || !endpoints.camera_bus.subscribe<noctule::video_t>(noctule::kChannelVideo, on_video))) {
         std::fprintf(stderr, "noctule-bridge: cannot subscribe on the camera bus\n");
         return 1;
     }
@@ -223,7 +224,7 @@ int main(int argc, char** argv) {
     options.add_flag("--sign-autopilot", sign_autopilot, "the autopilot's link, too (else it is taken for a wire inside the vehicle)");
     std::string camera_url;
     bool map_only = false;
-    options.add_option("--camera-url", camera_url, "LCM bus of the camera, to name new objects to the pilot");
+    options.add_option("--camera-url", camera_url, "LCM bus of the camera, to tell the pilot of new objects and of the video");
     options.add_flag("--map-only", map_only, "carried by hand, props off: no setpoint, mode or arming is ever sent; it maps and reports");
     options.add_option("--stats", stats_path, "write counters and memory to this JSON file at the end");
     noctule::RealtimeOptions realtime;

@@ -35,6 +35,7 @@ Bridge::Bridge(Parameters& parameters, BridgeSink& sink)
     if (p_.link_system_id != 0) { system_ = static_cast<std::uint8_t>(p_.link_system_id); }
     to_autopilot_.set_ids(system_, MAV_COMP_ID_ONBOARD_COMPUTER);
     to_ground_.set_ids(system_, MAV_COMP_ID_ONBOARD_COMPUTER);
+    camera_to_ground_.set_ids(system_, MAV_COMP_ID_CAMERA);
 }
 
 void Bridge::from_autopilot(const std::span<const std::uint8_t> bytes) {
@@ -81,6 +82,7 @@ void Bridge::take_heartbeat(const mavlink_message_t& message) {
         system_ = message.sysid;
         to_autopilot_.set_ids(system_, MAV_COMP_ID_ONBOARD_COMPUTER);
         to_ground_.set_ids(system_, MAV_COMP_ID_ONBOARD_COMPUTER);
+        camera_to_ground_.set_ids(system_, MAV_COMP_ID_CAMERA);
         flavour_ = flavour_of(heartbeat.autopilot);
         if (flavour_ == nullptr) {
             text(MAV_SEVERITY_WARNING, "autopilot type %u cannot be flown, watching only", static_cast<unsigned>(heartbeat.autopilot));

@@ -23,6 +23,7 @@
 #include "lcmtypes/noctule/range_t.hpp"
 #include "lcmtypes/noctule/scan_t.hpp"
 #include "lcmtypes/noctule/vehicle_t.hpp"
+#include "lcmtypes/noctule/video_t.hpp"
 #include "link/flavour.hpp"
 #include "link/flight_control.hpp"
 #include "link/ftp_server.hpp"
@@ -85,6 +86,8 @@ public:
     void on_scan(const scan_t& message);
     void on_objects(const objects_t& message);
     void on_computer(const ComputerLoad& load);
+    /// The front camera streams: ground stations see a camera with a video while these come.
+    void on_video(const video_t& message);
 
     /// Our clock, monotonic, now: for TIMESYNC. Set it before datagrams are handed in; without it no offset is known.
     void set_clock(std::int64_t wall_us) { wall_us_ = wall_us; }
@@ -142,6 +145,7 @@ private:
     struct Asked {
         std::uint16_t command;
         float param1;
+        float param2;
         float param3;
         MavlinkTarget by;
     };
@@ -166,7 +170,13 @@ private:
     void refuse_start(const Obstacle& obstacle, MavlinkTarget asked_by);
     bool begin_start(bool by_pilot);
     void acknowledge(std::uint16_t command, std::uint8_t result, MavlinkTarget asked_by);
+    void acknowledge_as(MavlinkWriter& writer, std::uint16_t command, std::uint8_t result, MavlinkTarget asked_by);
     void order(std::int32_t command);
+
+    // bridge_camera.cpp
+    [[nodiscard]] bool has_video() const;
+    void take_camera_command(const Asked& asked);
+    void send_about_camera(std::uint32_t msgid);
 
     // bridge_telemetry.cpp
     void take_timesync(const mavlink_message_t& message);
@@ -233,6 +243,7 @@ private:
     MavlinkReader ground_reader_;
     MavlinkWriter to_autopilot_;
     MavlinkWriter to_ground_;
+    MavlinkWriter camera_to_ground_;       ///< the same link, as the camera
     Counters counters_;
 
     // The autopilot
@@ -299,6 +310,8 @@ private:
     std::int32_t newest_object_ = 0;
     float drain_from_ = -1.0F;             ///< battery at take-off
     std::int64_t drain_since_us_ = 0;
+    video_t video_{};
+    std::int64_t video_wall_us_ = -1;      ///< when it last came
     bool map_only_ = false;
     std::int64_t other_autopilot_us_ = -1; ///< when a second autopilot was last heard
     bool switch_seen_off_ = false;         ///< the offboard mode was not on since the last start

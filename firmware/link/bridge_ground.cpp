@@ -46,23 +46,26 @@ void Bridge::ground_frame(const MavlinkFrame& frame) {
     if (is_us(frame.message)) { return; }
     const bool our_system = frame.target.system == system_;
     const bool to_us = our_system && frame.target.component == MAV_COMP_ID_ONBOARD_COMPUTER;
+    const bool to_camera = our_system && frame.target.component == MAV_COMP_ID_CAMERA && has_video();
     const bool to_all = (frame.target.system == 0 || our_system) && frame.target.component == 0;
-    if (!to_us) { sink_.to_autopilot(frame.bytes); }
+    if (!to_us && !to_camera) { sink_.to_autopilot(frame.bytes); }
     const MavlinkTarget asked_by{frame.message.sysid, frame.message.compid};
     ground_heard_us_ = now_us_;
     switch (frame.message.msgid) {
         case MAVLINK_MSG_ID_COMMAND_LONG: {
-            if (!to_us) { return; }
             mavlink_command_long_t in;
             mavlink_msg_command_long_decode(&frame.message, &in);
-            take_command({in.command, in.param1, in.param3, asked_by});
+            const Asked asked{in.command, in.param1, in.param2, in.param3, asked_by};
+            if (to_us) { take_command(asked); }
+            if (to_camera) { take_camera_command(asked); }
             return;
         }
         case MAVLINK_MSG_ID_COMMAND_INT: {
-            if (!to_us) { return; }
             mavlink_command_int_t in;
             mavlink_msg_command_int_decode(&frame.message, &in);
-            take_command({in.command, in.param1, in.param3, asked_by});
+            const Asked asked{in.command, in.param1, in.param2, in.param3, asked_by};
+            if (to_us) { take_command(asked); }
+            if (to_camera) { take_camera_command(asked); }
             return;
         }
         case MAVLINK_MSG_ID_PARAM_REQUEST_LIST:
@@ -77,13 +80,15 @@ void Bridge::ground_frame(const MavlinkFrame& frame) {
     }
 }
 
-void Bridge::acknowledge(const std::uint16_t command, const std::uint8_t result, const MavlinkTarget asked_by) {
+void Bridge::acknowledge(const std::uint16_t command, const std::uint8_t result, const MavlinkTarget asked_by) { acknowledge_as(to_ground_, command, result, asked_by); }
+
+void Bridge::acknowledge_as(MavlinkWriter& writer, const std::uint16_t command, const std::uint8_t result, const MavlinkTarget asked_by) {
     mavlink_command_ack_t ack{};
     ack.command = command;
     ack.result = result;
     ack.target_system = asked_by.system;
     ack.target_component = asked_by.component;
-    send_ground(mavlink_msg_command_ack_encode_status, ack);
+    sink_.to_ground(writer.pack(mavlink_msg_command_ack_encode_status, ack));
 }
 
 void Bridge::order(const std::int32_t command) {

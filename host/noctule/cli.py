@@ -156,6 +156,7 @@ def parser() -> argparse.ArgumentParser:
                                                       "one in Python (docs/extending.md; default: the preset's, tour unless --preset paper)")
     fly.add_argument("--fault", action=_Plain, check=parse_fault, default=[], metavar="NAME@T",
                      help="inject a fault at T simulated seconds (for instance odometry-cut@40); may be repeated")
+    fly.add_argument("--video", metavar="HOST", help="stream the front camera to this host's UDP port 5600 (wants GStreamer's programs)")
     fly.add_argument("--log-images", action="store_true", help="record the camera's images (46 MB a minute and more)")
     fly.add_argument("--autopilot-flavour", dest="autopilot", choices=AUTOPILOTS, default="px4",
                      help="which autopilot the simulated one behaves like")
@@ -250,7 +251,7 @@ def _fly(options) -> int:
     settings = FlightSettings(world=options.world, seed=options.seed, out=options.out, realtime=options.realtime,
                               camera=options.camera, max_time_s=options.max_time, parameters=parameters,
                               preset=options.preset, policy_class=policy_class, profile=options.profile, faults=options.fault,
-                              log_images=options.log_images, autopilot=options.autopilot,
+                              log_images=options.log_images, video=options.video, autopilot=options.autopilot,
                               real=None if options.real == "builtin" else options.real,
                               autopilot_binary=options.autopilot_binary, connect=options.connect)
     result = flight.fly(settings, options.quiet)

@@ -277,6 +277,7 @@ class Flight:
         self._start_recorder("recorder", url, "flight.lcm", ".*")
         bridge = ["--parameters", parameters, "--autopilot", f"udpin:127.0.0.1:{autopilot_port}",
                   "--ground", f"udpout:127.0.0.1:{ground_port}", "--lcm-url", url]
+        bridge += ["--camera-url", camera_url] if camera else []
         watchers = PortLock.folder() / f"{GROUND_PORT}.claim"
         if self._claim_watchers(watchers):
             bridge += ["--ground", f"udpout:127.0.0.1:{GROUND_PORT}"]
@@ -297,6 +298,8 @@ class Flight:
                                                  "--lcm-url", camera_url, "--stats", self.folder / "log" / "vision-stats.json",
                                                  "--flight-lcm-url", url, "--calibration", self.folder / "camera.yaml",
                                                  "--database", self.folder / "objects.db"])
+            if self.settings.video:
+                self._start_child("noctule-video", [need_program("noctule-video"), "--lcm-url", camera_url, "--to", self.settings.video])
             channels = "IMAGE|OBJECTS" if self.settings.log_images else "OBJECTS"
             self._start_recorder("recorder-camera", camera_url, "camera.lcm", channels)
         if not self._order_start(station):
@@ -380,7 +383,7 @@ class Flight:
         for child in self.children:
             if child.name == "noctule-sim" or child.running:
                 continue
-            ours = child.name != "policy"      # the flight goes on without that one
+            ours = child.name not in ("policy", "noctule-video")      # the flight goes on without those
             dead = dead or ours
             if not child.told:
                 child.told = True
@@ -433,7 +436,7 @@ class Flight:
         """Ends the simulator first, so that the log is complete, then the others, the recorders last."""
         if self.interrupted:
             self.progress.say("stopping")
-        order = (("noctule-sim",), ("noctule-nav", "noctule-vision"), ("noctule-bridge", "policy"),
+        order = (("noctule-sim",), ("noctule-nav", "noctule-vision", "noctule-video"), ("noctule-bridge", "policy"),
                  ("recorder", "recorder-camera"))
         forced = []
         for names in order:

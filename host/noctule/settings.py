@@ -40,6 +40,7 @@ class FlightSettings:
     profile: str = "default"
     faults: list[str] = field(default_factory=list)
     log_images: bool = False
+    video: str | None = None            # ground station that the front camera is streamed to
     autopilot: str = "px4"              # flavour of the built-in autopilot
     real: str | None = None             # one of REAL_AUTOPILOTS: flown by that instead
     autopilot_binary: Path | None = None

@@ -13,16 +13,16 @@ COMPANION, SYSTEM = 191, 1
 EXPLORING, RETURNING, LANDING, LANDED, PAUSED = 3, 4, 5, 6, 8     # NAMED_VALUE_FLOAT nav_state
 
 class SimulatedFlight:
-    """noctule-bridge, noctule-nav and the simulator with its own autopilot; the ground station listens at `port`."""
+    """noctule-bridge, noctule-nav and the simulator with its own autopilot; the ground station listens at `port`, the bridge at `camera_url` for what has a camera."""
 
     def __init__(self, folder: Path, world: str = "maze_a", flavour: str = "px4"):
-        self.locks = [PortLock.take_any() for _ in range(3)]
-        self.port, autopilot, bus = (lock.port for lock in self.locks)
-        url = lcm_url(bus)
+        self.locks = [PortLock.take_any() for _ in range(4)]
+        self.port, autopilot, bus, camera = (lock.port for lock in self.locks)
+        url, self.camera_url = lcm_url(bus), lcm_url(camera)
         self.log = open(folder / "processes.txt", "wb")
         commands = [
             [BUILD / "bin" / "noctule-bridge", "--autopilot", f"udpin:127.0.0.1:{autopilot}", "--ground", f"udpout:127.0.0.1:{self.port}", "--lcm-url", url,
-             "--store", folder / "stored.toml"],
+             "--camera-url", self.camera_url, "--store", folder / "stored.toml"],
             [BUILD / "bin" / "noctule-nav", "--lcm-url", url],
             [sys.executable, "-m", "noctule_sim", world, "--seed", "3", "--autopilot-port", autopilot, "--lcm-url", url, "--no-camera", "--max-time", "600",
              "--autopilot-flavour", flavour]]

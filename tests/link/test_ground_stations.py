@@ -7,6 +7,8 @@ import sys
 import threading
 from pathlib import Path
 
+import lcm
+import noctule_lcm
 import pytest
 from ground_scene import COMPANION, EXPLORING, LANDED, LANDING, PAUSED, RETURNING, SYSTEM, SimulatedFlight, wait_for
 
@@ -93,6 +95,43 @@ def test_mavsdk_finds_reads_changes_and_flies(tmp_path):
             assert order(LAND) == 0
             assert wait_for(lambda: any("disarmed" in text for text in texts), 90.0), texts
         finally:
+            station.destroy()
+
+
+def test_mavsdk_finds_the_front_camera_and_its_stream(tmp_path):
+    mavsdk = pytest.importorskip("mavsdk")
+    from mavsdk.plugins.camera import Camera, VideoStreamInfo
+
+    with SimulatedFlight(tmp_path) as flight:
+        bus, video, stop = lcm.LCM(flight.camera_url), noctule_lcm.video_t(), threading.Event()
+        video.running, video.port, video.width_px, video.height_px, video.rate_hz, video.bit_rate = 1, 5600, 320, 240, 5.0, 400000
+
+        def tell():                                                 # as noctule-video does
+            while not stop.wait(0.5):
+                bus.publish("VIDEO", video.encode())
+
+        teller = threading.Thread(target=tell)
+        teller.start()
+        station = mavsdk.Mavsdk(mavsdk.Configuration.create_with_component_type(mavsdk.ComponentType.GROUND_STATION))
+        try:
+            station.add_any_connection(f"udpin://127.0.0.1:{flight.port}")
+            vehicle = station.first_autopilot(30.0)
+            assert vehicle is not None
+            camera = Camera(vehicle)
+            assert wait_for(lambda: camera.camera_list().cameras, 30.0)
+            found = camera.camera_list().cameras
+            assert [(c.vendor_name, c.model_name, c.horizontal_resolution_px) for c in found] == [("Noctule", "front camera", 320)]
+            camera.subscribe_video_stream_info(lambda *_: None)     # asks for it
+
+            def stream():
+                return camera.get_video_stream_info(found[0].component_id)
+
+            assert wait_for(lambda: stream().status == VideoStreamInfo.VideoStreamStatus.IN_PROGRESS, 30.0)
+            assert wait_for(lambda: stream().settings.uri == "5600", 30.0)      # the status may come before
+            assert (stream().settings.frame_rate_hz, stream().settings.bit_rate_b_s) == (5.0, 400000)
+        finally:
+            stop.set()
+            teller.join()
             station.destroy()
 
 

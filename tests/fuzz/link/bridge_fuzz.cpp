@@ -9,7 +9,7 @@ namespace noctule::fuzz {
 
 namespace {
 
-enum class Deed : std::uint8_t { ticks, from_autopilot, from_ground, raw_autopilot, raw_ground, change_nav, change_odom, change_vehicle, order, wall, map_only, fly, end };
+enum class Deed : std::uint8_t { ticks, from_autopilot, from_ground, raw_autopilot, raw_ground, change_nav, change_odom, change_vehicle, order, wall, map_only, fly, video, end };
 
 /// A message of the dialect with a good checksum and this payload.
 std::span<const std::uint8_t> frame(Source& from, const std::uint8_t system, const std::uint8_t component) {
@@ -23,19 +23,20 @@ std::span<const std::uint8_t> frame(Source& from, const std::uint8_t system, con
     std::memcpy(message.payload64, payload.data(), payload.size());
     auto* const bytes = reinterpret_cast<std::uint8_t*>(message.payload64);
     if ((about & 1U) != 0 && (entry.flags & MAV_MSG_ENTRY_FLAG_HAVE_TARGET_SYSTEM) != 0) { bytes[entry.target_system_ofs] = scene::kSystem; }
-    if ((about & 1U) != 0 && (entry.flags & MAV_MSG_ENTRY_FLAG_HAVE_TARGET_COMPONENT) != 0) { bytes[entry.target_component_ofs] = MAV_COMP_ID_ONBOARD_COMPUTER; }
+    if ((about & 1U) != 0 && (entry.flags & MAV_MSG_ENTRY_FLAG_HAVE_TARGET_COMPONENT) != 0) { bytes[entry.target_component_ofs] = (about & 2U) != 0 ? MAV_COMP_ID_CAMERA : MAV_COMP_ID_ONBOARD_COMPUTER; }
     message.msgid = entry.msgid & 0xFFFFFFU;
     mavlink_finalize_message_buffer(&message, system, component, &status, entry.min_msg_len, entry.max_msg_len, entry.crc_extra);
     return {buffer.data(), mavlink_msg_to_send_buffer(buffer.data(), &message)};
 }
 
 /// Index of a message in the dialect's table, as `frame` reads it.
-void message(Bytes& out, const std::uint32_t msgid, const Bytes& payload, const bool to_us) {
+/// about: 1 to us, 3 to the camera.
+void message(Bytes& out, const std::uint32_t msgid, const Bytes& payload, const std::uint8_t about) {
     static constexpr mavlink_msg_entry_t kEntries[] = MAVLINK_MESSAGE_CRCS;
     const auto at = static_cast<std::size_t>(std::find_if(std::begin(kEntries), std::end(kEntries), [&](const auto& e) { return e.msgid == msgid; }) - std::begin(kEntries));
     if (std::size(kEntries) > 256) { out.push_back(static_cast<std::uint8_t>(at / 256)); }
     out.push_back(static_cast<std::uint8_t>(at % 256));
-    out.push_back(to_us ? 1 : 0);
+    out.push_back(about);
     out.push_back(static_cast<std::uint8_t>(payload.size()));
     out.insert(out.end(), payload.begin(), payload.end());
 }
@@ -63,6 +64,12 @@ void judge(scene::Scene& s, const bool could_fly, const bool map_only) {
             const bool flies = c.command == MAV_CMD_COMPONENT_ARM_DISARM || c.command == MAV_CMD_DO_SET_MODE || c.command == MAV_CMD_NAV_TAKEOFF;
             HOLDS(!flies || (could_fly && !map_only));
         }
+    }
+    for (const mavlink_message_t& m : s.out.ground) {
+        if (m.msgid != MAVLINK_MSG_ID_VIDEO_STREAM_INFORMATION || m.compid != MAV_COMP_ID_CAMERA) { continue; }
+        mavlink_video_stream_information_t v{};
+        mavlink_msg_video_stream_information_decode(&m, &v);
+        HOLDS(std::isfinite(v.framerate) && v.resolution_h > 0 && v.resolution_v > 0 && v.uri[0] != '\0' && v.uri[0] != '-');
     }
     for (const ParameterRow& row : kParameterTable) {
         const float value = parameter_value(s.parameters, row);
@@ -94,25 +101,34 @@ std::vector<Bytes> seeds() {
                                       MAVLINK_MSG_ID_SYS_STATUS, MAVLINK_MSG_ID_BATTERY_STATUS, MAVLINK_MSG_ID_ESTIMATOR_STATUS, MAVLINK_MSG_ID_SCALED_PRESSURE, MAVLINK_MSG_ID_TIMESYNC,
                                       MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN, MAVLINK_MSG_ID_PARAM_VALUE, MAVLINK_MSG_ID_COMMAND_ACK, MAVLINK_MSG_ID_SYSTEM_TIME}) {
         heard.push_back(deed(Deed::from_autopilot));
-        message(heard, msgid, ramp, false);
+        message(heard, msgid, ramp, 0);
         heard.insert(heard.end(), {deed(Deed::ticks), 1});
     }
     for (const std::uint32_t msgid : {MAVLINK_MSG_ID_COMMAND_LONG, MAVLINK_MSG_ID_COMMAND_INT, MAVLINK_MSG_ID_PARAM_REQUEST_LIST, MAVLINK_MSG_ID_PARAM_REQUEST_READ, MAVLINK_MSG_ID_PARAM_SET,
                                       MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL, MAVLINK_MSG_ID_HEARTBEAT, MAVLINK_MSG_ID_TIMESYNC}) {
         asked.push_back(deed(Deed::from_ground));
-        message(asked, msgid, ramp, true);
+        message(asked, msgid, ramp, 1);
         asked.insert(asked.end(), {deed(Deed::ticks), 1});
     }
     Bytes write{deed(Deed::ticks), 5, deed(Deed::from_ground)};  // PARAM_SET SPEED_MAX: value, target, id, type
     Bytes payload{0, 0, 0x40, 0x3F, scene::kSystem, MAV_COMP_ID_ONBOARD_COMPUTER, 'S', 'P', 'E', 'E', 'D', '_', 'M', 'A', 'X', 0, 0, 0, 0, 0, 0, 0, MAV_PARAM_TYPE_REAL32};
-    message(write, MAVLINK_MSG_ID_PARAM_SET, payload, true);
+    message(write, MAVLINK_MSG_ID_PARAM_SET, payload, 1);
     write.insert(write.end(), {deed(Deed::ticks), 5});
     Bytes changes = flight;
     for (std::uint8_t at = 0; at < 60; at = static_cast<std::uint8_t>(at + 4)) {
         changes.insert(changes.end(), {deed(Deed::change_nav), 1, 0, static_cast<std::uint8_t>(2 * at), 0, 0, 0x80, 0x7F, deed(Deed::ticks), 3,
                                        deed(Deed::change_odom), 1, 0, at, 0, 0, 0xC0, 0x7F, deed(Deed::ticks), 3});
     }
-    return {flight, carried, heard, asked, write, changes, {deed(Deed::raw_autopilot), 3, 0xFD, 1, 2, deed(Deed::raw_ground), 2, 0xFE, 9, deed(Deed::wall), 200}};
+    Bytes watched{deed(Deed::ticks), 25, deed(Deed::wall), 10, deed(Deed::video), 0};
+    for (const std::uint32_t wanted : {MAVLINK_MSG_ID_CAMERA_INFORMATION, MAVLINK_MSG_ID_VIDEO_STREAM_INFORMATION}) {   // REQUEST_MESSAGE of the camera
+        Bytes request(32);
+        const auto asks = static_cast<float>(wanted);
+        std::memcpy(request.data(), &asks, sizeof asks);
+        request[29] = static_cast<std::uint8_t>(MAV_CMD_REQUEST_MESSAGE >> 8U);
+        watched.push_back(deed(Deed::from_ground));
+        message(watched, MAVLINK_MSG_ID_COMMAND_LONG, request, 3);
+    }
+    return {flight, carried, heard, asked, write, changes, watched, {deed(Deed::raw_autopilot), 3, 0xFD, 1, 2, deed(Deed::raw_ground), 2, 0xFE, 9, deed(Deed::wall), 200}};
 }
 
 }  // namespace noctule::fuzz
@@ -124,6 +140,11 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* const data, const std:
     bool map_only = false;
     bool started = false;
     std::int64_t wall_us = 0;
+    video_t video{};
+    video.running = 1;
+    video.port = 5600;
+    video.width_px = 320;
+    video.height_px = 240;
     for (int deeds = 0; deeds < 200 && !from.empty(); ++deeds) {
         switch (static_cast<fuzz::Deed>(from.byte() % static_cast<std::uint8_t>(fuzz::Deed::end))) {
             case fuzz::Deed::ticks:
@@ -174,6 +195,10 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* const data, const std:
             case fuzz::Deed::fly:
                 s->fly();
                 started = true;
+                break;
+            case fuzz::Deed::video:
+                from.patch({reinterpret_cast<std::uint8_t*>(&video), sizeof video});
+                s->bridge.on_video(video);
                 break;
             case fuzz::Deed::end: break;
         }
