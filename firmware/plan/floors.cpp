@@ -26,6 +26,7 @@ constexpr float kShiftTimeS = 30.0F;
 constexpr float kNoWayS = 5.0F;
 constexpr float kSurveyTimeS = 90.0F;
 constexpr float kLookTimeS = 12.0F;           ///< for one look
+constexpr float kLookedS = 0.75F;             ///< over there so long: what can be seen from there was seen
 constexpr float kLookAgainS = 0.25F;
 constexpr float kFindAgainS = 0.5F;
 constexpr std::int32_t kConfirmVotes = 20;
@@ -135,7 +136,7 @@ void FloorPlanner::observe(const Estimate& estimate, const SensorFrame& frame, c
 void FloorPlanner::start(const Doing doing) {
     doing_ = doing;
     since_us_ = t_us_;
-    stood_us_ = looked_us_ = way_us_ = -1;
+    stood_us_ = looked_us_ = way_us_ = there_us_ = -1;
 }
 
 void FloorPlanner::leave_by(const std::int8_t passage) {
@@ -284,10 +285,15 @@ void FloorPlanner::survey(const OccupancyGrid& grid, Explorer& explorer, const E
         }
     }
     fly(grid, explorer, estimate, from, goal_x_m_, goal_y_m_, target);
-    if (lasted(stood_us_, kLookTimeS) || lasted(way_us_, kNoWayS)) {
+    if (std::hypot(goal_x_m_ - pose.x_m, goal_y_m_ - pose.y_m) > kArrivedM) {
+        there_us_ = -1;
+    } else if (there_us_ < 0) {
+        there_us_ = t_us_;
+    }
+    if (lasted(there_us_, kLookedS) || lasted(stood_us_, kLookTimeS) || lasted(way_us_, kNoWayS)) {
         judge_.skip(goal_x_m_, goal_y_m_);
         stood_us_ = t_us_;
-        way_us_ = -1;
+        there_us_ = way_us_ = -1;
     }
     if (lasted(since_us_, kSurveyTimeS)) { refuse(Refusal::not_seen_round); }
 }

@@ -167,6 +167,7 @@ private:
     std::int64_t stood_us_ = -1;
     std::int64_t looked_us_ = -1;
     std::int64_t way_us_ = -1;
+    std::int64_t there_us_ = -1;  ///< over the place to look at
     std::int64_t t_us_ = 0;
     float nearest_side_m_ = 1e9F; ///< of the scan, in a shaft
     std::int32_t ground_votes_ = 0;

@@ -19,6 +19,8 @@ constexpr float kWideM = 1.0F;            ///< more room than this counts no mor
 constexpr float kUnknownCostM = 0.10F;    ///< room that a spot not yet looked at is worth
 constexpr float kWayCost = 0.05F;
 constexpr float kSkippedM = 0.15F;
+constexpr std::int32_t kMostFarther = 16; ///< looks at what is beside the part that was seen, before an opening is too small
+constexpr float kTellsM = 0.2F;           ///< nearer than this to a known edge a look tells nothing new
 constexpr int kRing = 8;
 
 }  // namespace
@@ -26,6 +28,10 @@ constexpr int kRing = 8;
 OpeningJudge::Seen OpeningJudge::seen(const std::int32_t i, const std::int32_t j) const {
     if (i < 0 || j < 0 || i >= kSide || j >= kSide) { return Seen::nothing; }
     return seen_[static_cast<std::size_t>(j * kSide + i)];
+}
+
+bool OpeningJudge::skipped(const float x_m, const float y_m) const {
+    return std::any_of(skipped_.begin(), skipped_.end(), [&](const Spot& s) { return std::hypot(s.x_m - x_m, s.y_m - y_m) < kSkippedM; });
 }
 
 void OpeningJudge::draw(const VerticalMap& map, const std::int8_t floor, const VerticalSide side, const BeyondBand& beyond, const Cell centre) {
@@ -66,8 +72,7 @@ std::int32_t OpeningJudge::unknown_round(const OccupancyGrid& grid, const Traver
         for (std::int32_t dj = -1; dj <= 1 && !known; ++dj) {
             for (std::int32_t di = -1; di <= 1; ++di) { known = known || seen(i + di, j + dj) == Seen::beyond; }
         }
-        for (const Spot& s : skipped_) { known = known || std::hypot(s.x_m - spot.x_m, s.y_m - spot.y_m) < kSkippedM; }
-        if (known) { continue; }
+        if (known || skipped(spot.x_m, spot.y_m)) { continue; }
         ++unknown;
         const float way = std::hypot(spot.x_m - from_x_m, spot.y_m - from_y_m);
         if (way < nearest) {
@@ -85,7 +90,9 @@ OpeningVerdict OpeningJudge::judge(const VerticalMap& map, const OccupancyGrid& 
     const auto need_cm = static_cast<std::int32_t>(100.0F * (p_.hull_radius_m + kSideRoomM));
     const auto beside = static_cast<std::int32_t>(kBesideM / cell_m_);
     OpeningVerdict out;
+    OpeningVerdict farther;   // where no place is clear: what is beside the part of the opening that was seen
     float best = -std::numeric_limits<float>::infinity();
+    float best_farther = best;
     for (std::int32_t j = 0; j < kSide; ++j) {
         for (std::int32_t i = 0; i < kSide; ++i) {
             if (seen(i, j) == Seen::edge) { continue; }
@@ -98,11 +105,16 @@ OpeningVerdict OpeningJudge::judge(const VerticalMap& map, const OccupancyGrid& 
             const float x_m = map.geometry().centre_x_m(cell);
             const float y_m = map.geometry().centre_y_m(cell);
             const CellId id = grid.find(x_m, y_m);
-            if (!where.passable(id) || where.clearance_cm(id) < need_cm) { continue; }
+            if (!where.passable(id)) { continue; }
             float edge2 = 9.0F;
             for (const Spot& e : edges_) { edge2 = std::min(edge2, (e.x_m - x_m) * (e.x_m - x_m) + (e.y_m - y_m) * (e.y_m - y_m)); }
             const float edge_m = std::sqrt(edge2);
-            if (edge_m < p_.floor_safety_m - kSlackM) { continue; }
+            const float tells = edge_m - kWayCost * std::hypot(x_m - from_x_m, y_m - from_y_m);
+            if (edge_m > kTellsM && tells > best_farther && seen(i, j) == Seen::nothing && !skipped(x_m, y_m)) {
+                best_farther = tells;
+                farther = {OpeningVerdict::What::survey, x_m, y_m, edge_m, x_m, y_m};
+            }
+            if (where.clearance_cm(id) < need_cm || edge_m < p_.floor_safety_m - kSlackM) { continue; }
             const float side_m = 0.01F * static_cast<float>(where.clearance_cm(id));
             const float room = std::min({edge_m, side_m + 0.5F * p_.floor_safety_m, std::max(kWideM, p_.floor_safety_m)}) -
                                kWayCost * std::hypot(x_m - from_x_m, y_m - from_y_m);
@@ -116,7 +128,10 @@ OpeningVerdict OpeningJudge::judge(const VerticalMap& map, const OccupancyGrid& 
             out = {unknown == 0 ? OpeningVerdict::What::ready : OpeningVerdict::What::survey, x_m, y_m, edge_m, next.x_m, next.y_m};
         }
     }
-    return out;
+    if (out.what != OpeningVerdict::What::too_small || farther.what != OpeningVerdict::What::survey) { return out; }
+    if (std::hypot(farther.x_m - farther_.x_m, farther.y_m - farther_.y_m) > kSkippedM) { ++looks_farther_; }
+    farther_ = {farther.x_m, farther.y_m};
+    return looks_farther_ > kMostFarther ? out : farther;
 }
 
 }  // namespace noctule

@@ -44,9 +44,13 @@ public:
     [[nodiscard]] OpeningVerdict judge(const VerticalMap& map, const OccupancyGrid& grid, const Traversability& where, std::int8_t floor, VerticalSide side,
                                        const BeyondBand& beyond, float seed_x_m, float seed_y_m, float from_x_m, float from_y_m);
 
-    /// A place that could not be looked at; it no longer holds the verdict up. Forgotten with clear().
+    /// A place that could not be looked at; it no longer holds the verdict up.
     void skip(float x_m, float y_m) { static_cast<void>(skipped_.push({x_m, y_m})); }
-    void clear() { skipped_.clear(); }
+    /// Another opening is to be judged.
+    void clear() {
+        skipped_.clear();
+        looks_farther_ = 0;
+    }
 
 private:
     static constexpr std::int32_t kReach = 30;                       ///< cells of the window on each side
@@ -59,6 +63,7 @@ private:
     };
     void draw(const VerticalMap& map, std::int8_t floor, VerticalSide side, const BeyondBand& beyond, Cell centre);
     [[nodiscard]] Seen seen(std::int32_t i, std::int32_t j) const;
+    [[nodiscard]] bool skipped(float x_m, float y_m) const;
     /// Spots round a place that were not looked at; next: the nearest. -1: solid things keep the vehicle too near to look all round the hull.
     [[nodiscard]] std::int32_t unknown_round(const OccupancyGrid& grid, const Traversability& where, float x_m, float y_m, float from_x_m, float from_y_m,
                                              Spot& next) const;
@@ -69,6 +74,8 @@ private:
     std::array<Seen, static_cast<std::size_t>(kSide* kSide)> seen_{};
     Bounded<Spot, kMaxEdges> edges_;   ///< one a cell: all fit
     Bounded<Spot, 64> skipped_;
+    Spot farther_;                     ///< last look at what is beside the part that was seen
+    std::int32_t looks_farther_ = 0;
 };
 
 }  // namespace noctule
