@@ -401,6 +401,8 @@ bool Localiser::match_leads() {
     const bool no_walls = filter_.hits_on_walls() < kWallsMatter;
     if (!match_leads_ && (doubtful > kWallsPoor || no_walls)) { match_leads_ = true; }
     if (match_leads_ && doubtful < kWallsGood && !no_walls) { match_leads_ = false; }
+    // In a shaft the sweep changes with height, from the slab's sides to a floor's walls: a match of the whole turns with what it mistakes.
+    if (layer_ == static_cast<std::size_t>(kShaftLayer)) { match_leads_ = false; }
     return parameters_.scan_match == 2 || (parameters_.scan_match == 1 && match_leads_);
 }
 

@@ -155,6 +155,7 @@ private:
     std::uint32_t step_ = 0;
     bool following_ = false;
     float doubtful_ = 0.0F;
+    bool fresh_ = true;   ///< the layer has no walls yet
     float on_walls_ = 0.0F;
     std::int32_t sound_ = 0;   ///< walls of this sweep that a landmark of the best particle explains
     std::size_t best_ = 0;

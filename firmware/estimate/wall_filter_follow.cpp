@@ -1,6 +1,7 @@
 // The wall filter while the scan match leads (docs/maths/scan_match.md#lead): one particle learns, the others wait.
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "estimate/wall_filter.hpp"
 
@@ -76,7 +77,8 @@ void WallFilter::judge_walls(const WallObservations& walls, const LevelScan& sca
     for (const ScanPoint& point : scan.points) { hits += point.hit ? 1 : 0; }
     for (const WallObservation& wall : walls) { on_walls += wall.points; }
     if (hits > 0) { on_walls_ += (step_ == 1 ? 1.0F : kScanMemory) * (static_cast<float>(on_walls) / static_cast<float>(hits) - on_walls_); }
-    if (walls.empty() || step_ == 1) { return; }
+    // Where there were no walls before, those of the first sweep are new, not doubtful.
+    if (walls.empty() || std::exchange(fresh_, false)) { return; }
     const auto n = static_cast<float>(walls.size());
     doubtful_ += std::min(1.0F, n / kWallMemory) * (1.0F - static_cast<float>(sound_) / n - doubtful_);
 }

@@ -231,6 +231,7 @@ void WallFilter::change_layer(StoredWalls& from, StoredWalls& to) {
         particles_[i].count = to.count;
         std::copy_n(to.landmarks.begin(), static_cast<std::size_t>(to.count), particles_[i].landmarks.begin());
     }
+    fresh_ = to.count == 0;
     to.count = 0;
 }
 

@@ -237,7 +237,7 @@ void FloorPlanner::search(const OccupancyGrid& grid, Explorer& explorer, const E
     const Pose2<Map, Body>& pose = estimate.planar.pose_map_body;
     Floor& floor = floors_[static_cast<std::size_t>(current_)];
     floor.searched_s += dt_s;
-    soundings_.want(0.5F * width_m(floor.pass));
+    soundings_.want(0.5F * width_m(floor.pass), !linked(true) && !linked(false));
     explorer.explore(grid, pose, from, t_us_, target, &soundings_);
     if (looked_us_ < 0 || lasted(looked_us_, kFindAgainS)) {
         looked_us_ = t_us_;

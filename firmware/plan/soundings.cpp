@@ -12,6 +12,7 @@ constexpr float kStepM = 0.05F;
 constexpr float kSideRoomM = 0.30F;     ///< from hull to the nearest hit, at least: beside stairs the tread before the first that the laser sees is in the hull's way
 constexpr float kPatchPerRadius = 1.8F; ///< edge of a patch: a straight way through its middle passes all of it
 constexpr float kLeastShare = 0.15F;    ///< of a patch, a metre of the radius wanted; less than that is not worth a flight
+constexpr float kDeep = 1.15F;          ///< a place that is so much farther from the way than was wanted is worth a flight, however small the patch
 constexpr std::uint8_t kNearCm = 70;
 constexpr float kRoundShare = 0.6F;
 constexpr std::int32_t kSampleCells = 2;
@@ -71,16 +72,19 @@ void SoundingSearch::look_into(const OccupancyGrid& grid, const Traversability& 
     std::int32_t n = 0;
     std::int32_t sum_x = 0;
     std::int32_t sum_y = 0;
+    float deepest_m = 0.0F;
     for (std::int32_t y = y0; y < y1; y += kSampleCells) {
         for (std::int32_t x = x0; x < x1; x += kSampleCells) {
             if (!left(x, y)) { continue; }
             ++n;
             sum_x += x;
             sum_y += y;
+            deepest_m = std::max(deepest_m, soundings.distance_m(tile_ * kTileArea + y * kTileCells + x));
         }
     }
     const std::int32_t all = (x1 - x0) * (y1 - y0) / (kSampleCells * kSampleCells);
-    if (n == 0 || static_cast<float>(n) < kLeastShare * soundings.wanted_m() * static_cast<float>(all)) { return; }
+    const bool small = static_cast<float>(n) < kLeastShare * soundings.wanted_m() * static_cast<float>(all);
+    if (n == 0 || (small && !(soundings.thorough() && deepest_m >= kDeep * soundings.wanted_m()))) { return; }
     Frontier f;
     std::int32_t nearest = std::numeric_limits<std::int32_t>::max();
     for (std::int32_t y = y0; y < y1; y += kSampleCells) {

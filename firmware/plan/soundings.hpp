@@ -26,9 +26,13 @@ public:
     /// The next pass() counts, wherever it is: another floor begins.
     void restart() { last_x_m_ = 1e9F; }
 
-    /// What is looked for: openings that hold a disc of this radius; 0: none. At most kReachM.
-    void want(const float radius_m) { wanted_m_ = radius_m < kReachM ? radius_m : kReachM; }
+    /// What is looked for: openings that hold a disc of this radius; 0: none. At most kReachM. thorough: small patches too, where one could lie.
+    void want(const float radius_m, const bool thorough = false) {
+        wanted_m_ = radius_m < kReachM ? radius_m : kReachM;
+        thorough_ = thorough;
+    }
     [[nodiscard]] float wanted_m() const { return wanted_m_; }
+    [[nodiscard]] bool thorough() const { return thorough_; }
     /// True: no opening wanted can have its middle in that cell and not have been met.
     [[nodiscard]] bool passed(const CellId id) const { return distance_m(id) <= wanted_m_; }
     /// True: nothing within 0.6 of the radius wanted is left, but for what is not on the map. Cost: the blocks of that disc.
@@ -49,6 +53,7 @@ private:
     }
     std::array<std::array<std::uint8_t, static_cast<std::size_t>(kSide* kSide)>, kMaxTiles> centimetres_;
     float wanted_m_ = 0.0F;
+    bool thorough_ = false;
     std::uint32_t blocks_ = 0;
     float last_x_m_ = 1e9F;
     float last_y_m_ = 1e9F;
