@@ -27,6 +27,7 @@ BUILD = Path(os.environ.get("NOCTULE_BUILD", ROOT / "build" / "release")).resolv
 SYSTEM, COMPANION = 7, 191
 OFFBOARD, POSITION, LAND = 6 << 16, 3 << 16, 4 << 16 | 6 << 24
 TICK_US = 50_000
+VISION_TIME = {"ODOMETRY": "time_usec", "VISION_POSITION_ESTIMATE": "usec"}
 
 
 AUTOPILOT_PARAMETERS = {"EKF2_EV_CTRL": 15, "EKF2_HGT_REF": 3, "EKF2_GPS_CTRL": 0, "EKF2_MAG_TYPE": 5, "COM_OF_LOSS_T": 1.0}
@@ -219,7 +220,7 @@ class Peers:
         self.nav.x_m, self.nav.y_m, self.nav.z_m = self.odom.x_m, self.odom.y_m, self.odom.z_m
         self.lcm.publish("NAV", self.nav.encode())
         self.lcm.publish("ODOM", self.odom.encode())
-        if not self._wait(lambda: any(m.get_type() == "ODOMETRY" and m.time_usec == self.t_us for m in self.at_autopilot[looked_at:])):
+        if not self._wait(lambda: any(self.t_us == getattr(m, VISION_TIME.get(m.get_type(), ""), None) for m in self.at_autopilot[looked_at:])):
             self.unanswered += 1
         self._obey(looked_at)
 
