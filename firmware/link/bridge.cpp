@@ -53,7 +53,18 @@ void Bridge::autopilot_frame(const MavlinkFrame& frame) {
     } else if (heard_) {
         take_unknown(frame.bytes);
     }
-    if (passes_to_ground(frame)) { sink_.to_ground(frame.bytes); }
+    pass_to_ground(frame);
+}
+
+/// What is withheld leaves no gap in the numbers of the rest: a ground station would take it for loss on its link.
+void Bridge::pass_to_ground(const MavlinkFrame& frame) {
+    const bool numbered = frame.message.sysid == system_ && frame.message.compid == MAV_COMP_ID_AUTOPILOT1;
+    if (!passes_to_ground(frame)) {
+        withheld_ += numbered ? 1 : 0;
+        return;
+    }
+    std::array<std::uint8_t, kMaxMavlinkFrame> buffer;
+    sink_.to_ground(numbered ? with_sequence(frame, static_cast<std::uint8_t>(frame.message.seq - withheld_), buffer) : frame.bytes);
 }
 
 bool Bridge::passes_to_ground(const MavlinkFrame& frame) {

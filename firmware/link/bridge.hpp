@@ -138,6 +138,7 @@ private:
     void take_ack(const mavlink_message_t& message);
     void advance(std::int64_t t_us);
     void forget_autopilot_clock(std::int64_t t_us);
+    void pass_to_ground(const MavlinkFrame& frame);
     [[nodiscard]] bool passes_to_ground(const MavlinkFrame& frame);
 
     // bridge_ground.cpp: what comes from a ground station
@@ -293,6 +294,7 @@ private:
     Setpoint sent_;                        ///< the last setpoint
     std::int64_t sent_us_ = -1;            ///< and its stamp
     std::int64_t next_ground_imu_us_ = 0;
+    std::uint32_t withheld_ = 0;           ///< the autopilot's frames that no ground station got
     std::int64_t next_ground_odometry_us_ = 0;
     std::int64_t next_streams_us_ = 0;
     std::int64_t streams_since_us_ = 0;

@@ -22,6 +22,22 @@ bool checksum_holds(const std::uint8_t* frame, const std::size_t header, const s
 
 }  // namespace
 
+std::span<const std::uint8_t> with_sequence(const MavlinkFrame& frame, const std::uint8_t sequence, std::array<std::uint8_t, kMaxMavlinkFrame>& buffer) {
+    const bool second = frame.bytes[0] == MAVLINK_STX;
+    if (second && (frame.bytes[2] & MAVLINK_IFLAG_SIGNED) != 0) { return frame.bytes; }
+    const std::size_t at = second ? 4 : 2;
+    const std::size_t crc_at = (second ? kHeader2 : kHeader1) + frame.bytes[1];
+    std::memcpy(buffer.data(), frame.bytes.data(), frame.bytes.size());
+    // The CRC is linear: that of the difference, begun with zero, is the difference of the two. The extra byte at the end has none.
+    std::uint16_t difference = 0;
+    crc_accumulate(static_cast<std::uint8_t>(buffer[at] ^ sequence), &difference);
+    for (std::size_t rest = crc_at - at; rest > 0; --rest) { crc_accumulate(0, &difference); }
+    buffer[at] = sequence;
+    buffer[crc_at] = static_cast<std::uint8_t>(buffer[crc_at] ^ (difference & 0xFFU));
+    buffer[crc_at + 1] = static_cast<std::uint8_t>(buffer[crc_at + 1] ^ (difference >> 8U));
+    return {buffer.data(), frame.bytes.size()};
+}
+
 bool MavlinkReader::next(std::size_t& begin) {
     while (begin < used_) {
         const std::uint8_t* bytes = buffer_.data() + begin;

@@ -36,6 +36,10 @@ struct MavlinkFrame {
     std::span<const std::uint8_t> bytes;      ///< the frame as received; holds until the handler returns
 };
 
+/// The frame as it came, with another sequence number, in `buffer`. The checksum follows from the old one, so that messages outside the dialect
+/// can be numbered, too. A signed frame is handed back as it is.
+[[nodiscard]] std::span<const std::uint8_t> with_sequence(const MavlinkFrame& frame, std::uint8_t sequence, std::array<std::uint8_t, kMaxMavlinkFrame>& buffer);
+
 class MavlinkReader {
 public:
     struct Counters {

@@ -323,6 +323,31 @@ static void ground_and_autopilot_hear_each_other_through_the_bridge() {
     TEST_ASSERT_LESS_THAN_size_t(35, Scene::count(s.out.ground, MAVLINK_MSG_ID_HIGHRES_IMU));
 }
 
+static void what_is_withheld_looks_like_no_loss_and_what_is_lost_does() {
+    static Scene s;
+    s.run(2.0);
+    const std::size_t before = s.out.ground.size();
+    for (int i = 1; i <= 100; ++i) {
+        imu_t imu{};
+        imu.t_us = s.t_us + 4000 * i;
+        s.from_autopilot(mavlink_msg_highres_imu_encode_status, to_highres_imu(imu));
+        s.from_autopilot(mavlink_msg_ping_encode_status, mavlink_ping_t{});
+        if (i == 50) { static_cast<void>(s.autopilot_writer.pack(mavlink_msg_ping_encode_status, mavlink_ping_t{})); }   // lost on the way to us
+    }
+    TEST_ASSERT_LESS_THAN_size_t(30, Scene::count(s.out.ground, MAVLINK_MSG_ID_HIGHRES_IMU));
+    int steps[3] = {};
+    int last = -1;
+    for (std::size_t i = before; i < s.out.ground.size(); ++i) {   // the recorder takes frames with a good checksum only
+        if (s.out.ground[i].compid != MAV_COMP_ID_AUTOPILOT1) { continue; }
+        const int step = last < 0 ? 1 : (s.out.ground[i].seq - last) & 0xFF;
+        TEST_ASSERT_TRUE(step == 1 || step == 2);
+        ++steps[step];
+        last = s.out.ground[i].seq;
+    }
+    TEST_ASSERT_GREATER_THAN_INT(100, steps[1]);
+    TEST_ASSERT_EQUAL_INT(1, steps[2]);
+}
+
 static void timesync_is_answered_on_the_autopilots_clock() {
     static Scene s;
     s.run(2.0);
@@ -516,6 +541,7 @@ int main() {
     RUN_TEST(odometry_goes_out_under_an_estimator_type_that_the_autopilot_takes);
     RUN_TEST(orders_of_the_ground_station_reach_nav_in_flight_only);
     RUN_TEST(ground_and_autopilot_hear_each_other_through_the_bridge);
+    RUN_TEST(what_is_withheld_looks_like_no_loss_and_what_is_lost_does);
     RUN_TEST(timesync_is_answered_on_the_autopilots_clock);
     RUN_TEST(a_second_autopilot_is_ignored_and_named);
     RUN_TEST(the_parameter_table_can_be_read);

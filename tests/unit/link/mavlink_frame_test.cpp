@@ -103,6 +103,49 @@ static void an_unknown_message_is_passed_whole_and_marked() {
     TEST_ASSERT_EQUAL_INT(1, unknown);
 }
 
+/// A frame of either version with the checksum of this extra byte.
+Bytes framed(const bool second, const std::uint8_t sequence, const std::uint32_t msgid, const std::uint8_t extra, const Bytes& payload) {
+    Bytes frame = second ? Bytes{0xFD, 0, 0, 0, sequence, 1, 1, 0, 0, 0} : Bytes{0xFE, 0, sequence, 1, 1, 0};
+    frame[1] = static_cast<std::uint8_t>(payload.size());
+    frame[second ? 7 : 5] = static_cast<std::uint8_t>(msgid);
+    if (second) { frame[8] = static_cast<std::uint8_t>(msgid >> 8U); }
+    frame.insert(frame.end(), payload.begin(), payload.end());
+    std::uint16_t crc = crc_calculate(frame.data() + 1, static_cast<std::uint16_t>(frame.size() - 1));
+    crc_accumulate(extra, &crc);
+    frame.push_back(static_cast<std::uint8_t>(crc & 0xFFU));
+    frame.push_back(static_cast<std::uint8_t>(crc >> 8U));
+    return frame;
+}
+
+static void a_frame_numbered_anew_has_the_checksum_of_its_new_number() {
+    std::array<std::uint8_t, kMaxMavlinkFrame> buffer{};
+    const Bytes payload{1, 2, 3, 250, 0, 7, 9, 4, 3};
+    for (const bool second : {false, true}) {
+        for (const std::uint32_t msgid : {0U, second ? 11312U : 193U}) {       // HEARTBEAT, and one that is not in the dialect
+            for (const std::uint8_t extra : {std::uint8_t{50}, std::uint8_t{71}}) {
+                if (msgid == 0 && extra != 50) { continue; }
+                const Bytes frame = framed(second, 9, msgid, extra, payload);
+                const Bytes expected = framed(second, 201, msgid, extra, payload);
+                MavlinkReader reader;
+                int seen = 0;
+                reader.push(frame, [&](const MavlinkFrame& f) {
+                    const auto out = with_sequence(f, 201, buffer);
+                    TEST_ASSERT_EQUAL_size_t(expected.size(), out.size());
+                    TEST_ASSERT_EQUAL_MEMORY(expected.data(), out.data(), expected.size());
+                    ++seen;
+                });
+                TEST_ASSERT_EQUAL_INT(1, seen);
+            }
+        }
+    }
+    Bytes sealed = framed(true, 9, 0, 50, payload);
+    sealed[2] = MAVLINK_IFLAG_SIGNED;
+    sealed.resize(sealed.size() + MAVLINK_SIGNATURE_BLOCK_LEN);
+    MavlinkFrame signed_frame;
+    signed_frame.bytes = sealed;
+    TEST_ASSERT_TRUE(with_sequence(signed_frame, 201, buffer).data() == sealed.data());
+}
+
 static void dropped_zeros_at_the_end_are_read_as_zeros() {
     MavlinkWriter writer;
     MavlinkReader reader;
@@ -132,6 +175,7 @@ int main() {
     RUN_TEST(a_start_byte_inside_garbage_costs_no_good_frame);
     RUN_TEST(every_flipped_bit_is_noticed);
     RUN_TEST(an_unknown_message_is_passed_whole_and_marked);
+    RUN_TEST(a_frame_numbered_anew_has_the_checksum_of_its_new_number);
     RUN_TEST(dropped_zeros_at_the_end_are_read_as_zeros);
     return UNITY_END();
 }
