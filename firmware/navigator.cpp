@@ -48,7 +48,7 @@ const NavOutput& Navigator::step(const SensorFrame& frame) {
     const Target& target = mission_.step(estimate_, grid_, vehicle_, frame.command, reference_.pose(), t_us);
     const Setpoint& wanted = reference_.step(estimate_, target, t_us);
     const bool vertical_free = mission_.state() == MissionState::taking_off || mission_.state() == MissionState::landing;
-    const Setpoint& sent = guard_.decide(estimate_, localiser_.level_scan(), grid_, wanted, vertical_free, t_us);
+    const Setpoint& sent = guard_.decide(estimate_, localiser_.level_scan(), grid_, wanted, vertical_free, t_us, mission_.explorer().where().stairs());
     reference_.settle(sent);
 
     output_.t_us = t_us;

@@ -45,7 +45,7 @@ void Guard::note(const GuardRule rule) {
     if (rule_ == GuardRule::none) { rule_ = rule; }
 }
 
-void Guard::gather(const Estimate& estimate, const LevelScan& scan, const OccupancyGrid& grid) {
+void Guard::gather(const Estimate& estimate, const LevelScan& scan, const OccupancyGrid& grid, const StairPlaces& stairs) {
     near_.clear();
     const Pose2<Map, Body>& pose = estimate.planar.pose_map_body;
     float widest_rad = 0.0F;
@@ -90,6 +90,15 @@ void Guard::gather(const Estimate& estimate, const LevelScan& scan, const Occupa
             nearest = std::min(nearest, std::hypot(x_m - pose.x_m, y_m - pose.y_m));
             static_cast<void>(near_.push({x_m, y_m}));
         }
+    }
+    // Stairs rise from the tread that was under the vehicle to what is hit of them: a tread before that is not seen.
+    const std::size_t seen = near_.size();
+    for (std::size_t k = 0; !stairs.empty() && k < seen; ++k) {
+        const Near n = near_[k];
+        const StairPlace* const tread = stairs_near(stairs, grid.floor(), n.x_m, n.y_m, kStairsReachM);
+        if (tread == nullptr) { continue; }
+        const float share = kTreadM / std::max(std::hypot(tread->x_m - n.x_m, tread->y_m - n.y_m), kTreadM);
+        static_cast<void>(near_.push({n.x_m + share * (tread->x_m - n.x_m), n.y_m + share * (tread->y_m - n.y_m)}));
     }
     clearance_m_ = nearest < kReachM ? nearest - p_.hull_radius_m : std::numeric_limits<float>::quiet_NaN();
 }
@@ -292,14 +301,14 @@ bool Guard::keep_inside(const Pose2<Map, Body>& pose) {
 }
 
 const Setpoint& Guard::decide(const Estimate& estimate, const LevelScan& scan, const OccupancyGrid& grid, const Setpoint& wanted,
-                              const bool vertical_free, const std::int64_t t_us) {
+                              const bool vertical_free, const std::int64_t t_us, const StairPlaces& stairs) {
     rule_ = GuardRule::none;
     const float dt_s = last_us_ < 0 ? 0.05F : std::clamp(static_cast<float>(t_us - last_us_) * 1e-6F, 0.0F, kMaxGapS);
     last_us_ = t_us;
     const Pose2<Map, Body>& pose = estimate.planar.pose_map_body;
     const bool lost = estimate.planar.quality < 0 || !std::isfinite(pose.x_m) || !std::isfinite(pose.y_m) || !std::isfinite(pose.yaw_rad);
     const bool stale = static_cast<float>(t_us - scan.t_us) > 1e6F * p_.guard_stale_s;
-    if (!lost) { gather(estimate, scan, grid); }
+    if (!lost) { gather(estimate, scan, grid, stairs); }
     if (!wanted.valid) {
         out_ = wanted;
         last_ = out_;

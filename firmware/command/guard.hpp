@@ -11,6 +11,7 @@
 #include "estimate/estimate.hpp"
 #include "map/occupancy_grid.hpp"
 #include "params.gen.hpp"
+#include "plan/stair_signs.hpp"
 
 namespace noctule {
 
@@ -32,9 +33,10 @@ class Guard {
 public:
     explicit Guard(const Parameters& parameters) : p_(parameters) {}
 
-    /// Returns the setpoint to send. `vertical_free`: the rules on height are off (taking off from and setting down on the floor).
+    /// Returns the setpoint to send. `vertical_free`: the rules on height are off (taking off from and setting down on the floor). `stairs`: beside them
+    /// a tread that the laser does not see lies before what it sees.
     const Setpoint& decide(const Estimate& estimate, const LevelScan& scan, const OccupancyGrid& grid, const Setpoint& wanted,
-                           bool vertical_free, std::int64_t t_us);
+                           bool vertical_free, std::int64_t t_us, const StairPlaces& stairs = {});
 
     [[nodiscard]] GuardRule rule() const { return rule_; }               ///< first rule that acted in the last call
     [[nodiscard]] std::int32_t interventions() const { return interventions_; }  ///< calls in which a rule acted, since start
@@ -44,7 +46,7 @@ public:
 
 private:
     struct Near { float x_m; float y_m; };
-    void gather(const Estimate& estimate, const LevelScan& scan, const OccupancyGrid& grid);
+    void gather(const Estimate& estimate, const LevelScan& scan, const OccupancyGrid& grid, const StairPlaces& stairs);
     [[nodiscard]] float nearest_m(float x_m, float y_m, float& at_x_m, float& at_y_m) const;
     [[nodiscard]] float berth_m(float x_m, float y_m) const;
     bool brake(const Estimate& estimate);
@@ -56,7 +58,7 @@ private:
     Setpoint out_;
     Setpoint last_;
     std::int64_t last_us_ = -1;
-    Bounded<Near, kMaxBeams> near_;   ///< hit points within reach, frame Map
+    Bounded<Near, 2 * kMaxBeams> near_;   ///< hit points within reach, frame Map; and treads before them
     GuardRule rule_ = GuardRule::none;
     std::int32_t interventions_ = 0;
     std::array<std::int32_t, 10> acted_{};

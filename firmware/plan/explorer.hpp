@@ -48,6 +48,8 @@ public:
 
     /// Ways keep farther off what the laser sees (Traversability::keep_off).
     void keep_off(const bool on) { where_.keep_off(on); }
+    /// Stairs under the vehicle (Traversability::add_stairs).
+    void add_stairs(const std::int32_t floor, const float x_m, const float y_m) { where_.add_stairs(floor, x_m, y_m); }
     /// True: nothing reachable and worth a visit is left.
     [[nodiscard]] bool finished() const { return goal_.answer.finished; }
     /// True: the present goal has a known way, and the vehicle gets on along it.

@@ -16,6 +16,7 @@ constexpr float kBelowSlabM = 0.12F;          ///< the laser is in the shaft fro
 constexpr float kAboveSlabM = 0.15F;          ///< to here over it
 constexpr float kSlabM = 0.25F;               ///< thickness of a slab of which one side is known
 constexpr float kFloorOverEdgeM = 1.0F;       ///< a floor lies at most this much over the underside that was seen beside the opening
+constexpr float kStairwellM = 3.5F;           ///< from the middle of an opening to the ends of its stairs
 constexpr float kSameFloorM = 0.5F;
 constexpr float kStepsM = 1.2F;               ///< steps within a storey stay under this
 constexpr float kTurnBackM = 0.05F;           ///< less than this from hull to a side: back
@@ -43,6 +44,12 @@ float FloorPlanner::floor_z_m(const AltitudeEstimate& altitude) const {
     const Floor& floor = floors_[static_cast<std::size_t>(current_)];
     const float most_m = current_ == 0 ? kStepsM : kSameFloorM;
     return floor.confirmed && std::fabs(altitude.floor_z_m - floor.elevation_m) < most_m ? altitude.floor_z_m : floor.elevation_m;
+}
+
+bool FloorPlanner::by_passage(const float x_m, const float y_m) const {
+    return std::any_of(passages_.begin(), passages_.end(), [&](const Passage& p) {
+        return (p.low == current_ || p.high == current_) && std::hypot(p.x_m - x_m, p.y_m - y_m) < kStairwellM;
+    });
 }
 
 std::int32_t FloorPlanner::name_of(const std::int32_t layer) const {
@@ -117,6 +124,7 @@ void FloorPlanner::confirm(const AltitudeEstimate& altitude) {
 
 void FloorPlanner::observe(const Estimate& estimate, const SensorFrame& frame, const LevelScan& scan, const OccupancyGrid& grid) {
     if (p_.floors_max <= 1) { return; }
+    over_stairs_ = false;
     nearest_side_m_ = 1e9F;
     for (const ScanPoint& p : scan.points) {
         if (p.hit) { nearest_side_m_ = std::min(nearest_side_m_, std::hypot(p.x_m, p.y_m)); }
@@ -127,7 +135,11 @@ void FloorPlanner::observe(const Estimate& estimate, const SensorFrame& frame, c
     if (estimate.planar.quality < 0 || doing_ == Doing::shifting || !flying) { return; }
     for (const RangeSample& sample : frame.range_up) { see(sample, VerticalSide::over, estimate); }
     for (const RangeSample& sample : frame.range_down) { see(sample, VerticalSide::under, estimate); }
-    soundings_.pass(grid, estimate.planar.pose_map_body.x_m, estimate.planar.pose_map_body.y_m);
+    const Pose2<Map, Body>& pose = estimate.planar.pose_map_body;
+    soundings_.pass(grid, pose.x_m, pose.y_m);
+    if (std::isfinite(estimate.altitude.ground_z_m)) {
+        over_stairs_ = stairs_.note(current_, pose.x_m, pose.y_m, estimate.altitude.ground_z_m - floor_z_m(estimate.altitude));
+    }
     confirm(estimate.altitude);
 }
 

@@ -19,6 +19,7 @@
 #include "plan/floor_modes.hpp"
 #include "plan/opening.hpp"
 #include "plan/soundings.hpp"
+#include "plan/stair_signs.hpp"
 #include "plan/target.hpp"
 #include "sense/samples.hpp"
 
@@ -89,6 +90,10 @@ public:
     [[nodiscard]] Doing doing() const { return doing_; }
     [[nodiscard]] bool on_start_floor() const { return current_ == 0; }
     [[nodiscard]] std::int32_t current() const { return current_; }
+    /// True: the ground under the vehicle shows a step of stairs, in this step.
+    [[nodiscard]] bool over_stairs() const { return over_stairs_; }
+    /// True: a passage of the present floor is near, and stairs with it.
+    [[nodiscard]] bool by_passage(float x_m, float y_m) const;
     /// Layer for grid and localiser: a floor, or kShaft.
     [[nodiscard]] std::int32_t layer() const { return layer_; }
     /// Elevation to count heights from, given what the altitude filter says of the floor.
@@ -150,6 +155,8 @@ private:
     Bounded<Passage, kFloorSlots> passages_;
     Bounded<Judged, kMaxOpenings> judged_;
     Soundings soundings_;
+    StairSigns stairs_;
+    bool over_stairs_ = false;
     std::int32_t current_ = 0;
     std::int32_t layer_ = 0;
     Doing doing_ = Doing::idle;

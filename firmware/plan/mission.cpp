@@ -276,7 +276,8 @@ void Mission::aim(const Estimate& estimate, const OccupancyGrid& grid, const Pos
         target_.path.clear();
         static_cast<void>(target_.path.push({anchor_.x_m, anchor_.y_m, 0.8F}));
     };
-    explorer_.keep_off(state_ == S::changing_floor);
+    explorer_.keep_off(state_ == S::changing_floor || floors_.by_passage(pose.x_m, pose.y_m));
+    if (floors_.over_stairs()) { explorer_.add_stairs(grid.floor(), pose.x_m, pose.y_m); }
     target_.climb_rate_m_s = p_.climb_rate_m_s;
     if (state_ != S::waiting && state_ != S::landed && state_ != S::aborted && state_ != S::landing) { target_.z_m = height_wanted_m(estimate); }
     switch (state_) {

@@ -16,24 +16,31 @@ constexpr std::int32_t kFarTilesPerStep = 8;  ///< others, in turn
 constexpr std::int32_t kSide = 3 * kBlockCells;
 constexpr float kClosedM = 0.2F;              ///< radius of a closed place
 constexpr float kStepsCells[] = {0.4F, 0.2F, 0.1F};   ///< in which the roomiest point of a cell is looked for
+constexpr float kStairsApartM = 0.2F;
+constexpr float kBlockM = 1.2F;                ///< across a block, and more
 constexpr float kUnknownCells = 2.5F;         ///< an unknown cell whose centre is nearer than this is under the hull (0.25 m at 0.10 m)
 
 constexpr float kCapM = 0.01F * static_cast<float>(Traversability::kCapCm);
 
 using Row = std::array<float, kBlockCells>;
 
-// Takes a hit into account in the squared distances of the cells of a block, whose middles are given; the greatest of them is the cap.
-void near(const float x_m, const float y_m, const Row& middle_x_m, const Row& middle_y_m, std::array<Row, kBlockCells>& nearest_m2) {
+// Takes a hit into account in the squared distances of the cells of a block, whose middles are given; the greatest of them is the cap. It counts as nearer by
+// wider_m.
+void near(const float x_m, const float y_m, const float wider_m, const Row& middle_x_m, const Row& middle_y_m, std::array<Row, kBlockCells>& nearest_m2) {
     const auto outside = [](const float at, const Row& middle) { return std::max({middle.front() - at, at - middle.back(), 0.0F}); };
     const float away_x_m = outside(x_m, middle_x_m);
     const float away_y_m = outside(y_m, middle_y_m);
-    if (away_x_m * away_x_m + away_y_m * away_y_m >= kCapM * kCapM) { return; }
+    if (away_x_m * away_x_m + away_y_m * away_y_m >= (kCapM + wider_m) * (kCapM + wider_m)) { return; }
     Row x2_m2{};
     for (std::size_t i = 0; i < kBlockCells; ++i) { x2_m2[i] = (x_m - middle_x_m[i]) * (x_m - middle_x_m[i]); }
     for (std::size_t j = 0; j < kBlockCells; ++j) {
         const float y2_m2 = (y_m - middle_y_m[j]) * (y_m - middle_y_m[j]);
         for (std::size_t i = 0; i < kBlockCells; ++i) {
-            const float d2_m2 = x2_m2[i] + y2_m2;
+            float d2_m2 = x2_m2[i] + y2_m2;
+            if (wider_m > 0.0F) {
+                const float d_m = std::max(std::sqrt(d2_m2) - wider_m, 0.0F);
+                d2_m2 = d_m * d_m;
+            }
             nearest_m2[j][i] = d2_m2 < nearest_m2[j][i] ? d2_m2 : nearest_m2[j][i];
         }
     }
@@ -47,6 +54,7 @@ void Traversability::reset() {
     for (auto& tile : value_) { tile.fill(0); }
     for (auto& tile : seen_) { tile.fill(0); }
     waiting_.fill(0);
+    stairs_.clear();
     queue_head_ = queue_size_ = 0;
     next_tile_ = 0;
     closed_.clear();
@@ -55,6 +63,13 @@ void Traversability::reset() {
 void Traversability::close(const float x_m, const float y_m, const std::int64_t until_us) {
     if (closed_.full()) { closed_.clear(); }
     static_cast<void>(closed_.push({x_m, y_m, until_us}));
+    mark_all_stale();
+}
+
+void Traversability::add_stairs(const std::int32_t floor, const float x_m, const float y_m) {
+    if (stairs_near(stairs_, floor, x_m, y_m, kStairsApartM) != nullptr) { return; }
+    if (stairs_.full()) { stairs_.drop_front(1); }
+    static_cast<void>(stairs_.push({x_m, y_m, floor}));
     mark_all_stale();
 }
 
@@ -231,6 +246,7 @@ void Traversability::compute(const OccupancyGrid& grid, const std::int32_t block
     for (Row& row : nearest_m2) { row.fill(kCapM * kCapM); }
     std::array<std::uint32_t, kSide> unknown{};
     std::array<std::uint32_t, kBlockCells> free_cells{};
+    const bool stairs = stairs_near(stairs_, tile.floor, middle_x_m[kBlockCells / 2], middle_y_m[kBlockCells / 2], kStairsReachM + kCapM + kTreadM + kBlockM) != nullptr;
     bool any_unknown = false;
     for (std::int32_t by = -1; by <= 1; ++by) {
         for (std::int32_t bx = -1; bx <= 1; ++bx) {
@@ -246,7 +262,7 @@ void Traversability::compute(const OccupancyGrid& grid, const std::int32_t block
                     float x_m = 0.0F;
                     float y_m = 0.0F;
                     grid.hit_point(id + std::countr_zero(left), x_m, y_m);
-                    near(x_m, y_m, middle_x_m, middle_y_m, nearest_m2);
+                    near(x_m, y_m, stairs && stairs_near(stairs_, tile.floor, x_m, y_m, kStairsReachM) != nullptr ? kTreadM : 0.0F, middle_x_m, middle_y_m, nearest_m2);
                 }
             }
         }
@@ -266,7 +282,8 @@ void Traversability::compute(const OccupancyGrid& grid, const std::int32_t block
             const auto kj = static_cast<std::size_t>(j);
             std::uint8_t result = 0;
             if ((free_cells[kj] >> ki & 1U) != 0U && fence_.depth_m(middle_x_m[ki], middle_y_m[kj]) >= kFenceInsetM) {
-                const float room_m = roomiest_m(grid, middle_x_m[ki], middle_y_m[kj], std::sqrt(nearest_m2[kj][ki]));
+                const float centre_m = std::sqrt(nearest_m2[kj][ki]);
+                const float room_m = stairs ? centre_m : roomiest_m(grid, middle_x_m[ki], middle_y_m[kj], centre_m);
                 result = static_cast<std::uint8_t>(std::clamp<std::int32_t>(static_cast<std::int32_t>(std::lround(100.0F * room_m)), 1, kCapCm));
                 for (const Closed& c : closed_) {
                     if (std::hypot(c.x_m - middle_x_m[ki], c.y_m - middle_y_m[kj]) < kClosedM) { result = std::min(result, std::uint8_t{1}); }

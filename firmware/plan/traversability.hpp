@@ -14,6 +14,7 @@
 #include "core/capacity.hpp"
 #include "map/occupancy_grid.hpp"
 #include "plan/fence.hpp"
+#include "plan/stair_signs.hpp"
 #include "params.gen.hpp"
 
 namespace noctule {
@@ -39,6 +40,11 @@ public:
     /// Places where the hull is nearer than a tread's depth to a hit are gone round where that is not much farther: beside stairs the top of a tread that is
     /// a little under the laser's plane is not seen and lies in the hull's way. Taken up with the next update.
     void keep_off(const bool on) { keeps_off_ = on; }
+
+    /// Stairs lie under that place: what is hit near it counts as nearer by a tread's depth, because of the tread before it that is not seen. More than
+    /// kMaxStairPlaces: the first are forgotten.
+    void add_stairs(std::int32_t floor, float x_m, float y_m);
+    [[nodiscard]] const StairPlaces& stairs() const { return stairs_; }
 
     static constexpr std::int32_t kCapCm = 80;   ///< distances are known up to here
 
@@ -71,7 +77,6 @@ private:
     struct Closed { float x_m; float y_m; std::int64_t until_us; };
     static constexpr std::size_t kMaxClosed = 16;
     static constexpr std::int32_t kTightCm = 15;
-    static constexpr float kTreadM = 0.30F;
     static constexpr float kOffFactor = 4.0F;
     static constexpr float kOffMost = 20.0F;   ///< slowness: the dearest edge must fit in the ring of OpenCells
     static constexpr std::int32_t kBlocksPerStep = 160;
@@ -95,6 +100,7 @@ private:
     std::uint32_t meaning_ = 0;
     Fence fence_;
     Bounded<Closed, kMaxClosed> closed_;
+    StairPlaces stairs_;
     std::int32_t next_tile_ = 0;
     std::uint32_t blocks_done_ = 0;
 };

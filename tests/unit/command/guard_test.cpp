@@ -71,6 +71,26 @@ void a_good_setpoint_passes_untouched() {
     TEST_ASSERT_FLOAT_WITHIN(1e-4F, 1.2F, d->guard.clearance_m());
 }
 
+void a_tread_before_what_is_seen_of_stairs_is_kept_clear_of() {
+    StairPlaces stairs;
+    const auto reached_m = [&](const StairPlaces& known) {   // where a setpoint that goes on and on is held
+        const auto desk = std::make_unique<Desk>();
+        desk->wall_at(0.9F);
+        float x_m = 0.0F;
+        for (int k = 0; k < 60; ++k) {
+            desk->t_us += 50000;
+            desk->scan.t_us = desk->t_us;
+            x_m = desk->guard.decide(desk->estimate, desk->scan, desk->grid, Desk::go(x_m + 0.02F, 0.0F), false, desk->t_us, known).x_m;
+        }
+        return x_m;
+    };
+    const float wall_m = reached_m(stairs);
+    TEST_ASSERT_TRUE(stairs.push({0.2F, 0.0F, 1}));   // of another floor
+    TEST_ASSERT_FLOAT_WITHIN(1e-3F, wall_m, reached_m(stairs));
+    TEST_ASSERT_TRUE(stairs.push({0.2F, 0.0F, 0}));
+    TEST_ASSERT_FLOAT_WITHIN(0.06F, wall_m - kTreadM, reached_m(stairs));
+}
+
 void a_setpoint_that_is_no_number_is_replaced_by_the_last_good_one() {
     const auto d = std::make_unique<Desk>();
     static_cast<void>(d->decide(Desk::go(0.02F, 0.0F)));
@@ -316,6 +336,7 @@ void floor_and_ceiling_are_kept_except_in_take_off_and_landing() {
 int main() {
     UNITY_BEGIN();
     RUN_TEST(a_good_setpoint_passes_untouched);
+    RUN_TEST(a_tread_before_what_is_seen_of_stairs_is_kept_clear_of);
     RUN_TEST(a_setpoint_that_is_no_number_is_replaced_by_the_last_good_one);
     RUN_TEST(stale_scans_and_lost_localisation_stop_horizontal_motion);
     RUN_TEST(the_fence_holds);
