@@ -9,7 +9,6 @@ namespace noctule {
 namespace {
 
 constexpr float kStepM = 0.05F;
-constexpr float kSideRoomM = 0.30F;     ///< from hull to the nearest hit, at least: beside stairs the tread before the first that the laser sees is in the hull's way
 constexpr float kPatchPerRadius = 1.8F; ///< edge of a patch: a straight way through its middle passes all of it
 constexpr float kLeastShare = 0.15F;    ///< of a patch, a metre of the radius wanted; less than that is not worth a flight
 constexpr float kDeep = 1.15F;          ///< a place that is so much farther from the way than was wanted is worth a flight, however small the patch
@@ -64,7 +63,7 @@ bool Soundings::passed_round(const OccupancyGrid& grid, const CellId id) const {
 void SoundingSearch::look_into(const OccupancyGrid& grid, const Traversability& where, const CostField& from, const TriedPlaces& tried,
                                const Soundings& soundings, const std::int64_t t_us, const std::int32_t x0, const std::int32_t y0, const std::int32_t x1,
                                const std::int32_t y1) {
-    const auto need_cm = static_cast<std::int32_t>(100.0F * (p_.hull_radius_m + kSideRoomM));
+    const auto need_cm = static_cast<std::int32_t>(100.0F * (p_.hull_radius_m + kTreadM));
     const auto left = [&](const std::int32_t x, const std::int32_t y) {
         const CellId id = tile_ * kTileArea + y * kTileCells + x;
         return !soundings.passed(id) && where.passable(id) && where.clearance_cm(id) >= need_cm && from.cost(id) != CostField::kFar;
