@@ -14,6 +14,7 @@
 #include <sys/resource.h>
 
 #include "app/atlas_contents.hpp"
+#include "app/atlas_objects.hpp"
 #include "app/atlas_writer.hpp"
 #include "app/parameter_file.hpp"
 #include "app/realtime.hpp"
@@ -34,6 +35,7 @@ constexpr std::int64_t kScanHold_ms = 100;      // how long a scan waits for its
 constexpr std::int64_t kSilenceFirst_ms = 3000; // before a missing peer is named
 constexpr std::int64_t kSilenceAgain_ms = 10000;
 constexpr int kPoll_ms = 20;
+constexpr std::uint64_t kStartSteps = 40;
 constexpr float kScanPeriod_us = 50000.0F;      // a step that takes longer is an overrun
 constexpr std::array<float, 11> kLimits_us{0.0F, 100.0F, 200.0F, 500.0F, 1000.0F, 2000.0F, 5000.0F, 10000.0F, 20000.0F, 50000.0F, 100000.0F};
 
@@ -77,6 +79,7 @@ private:
 
 struct Process {
     LcmBus bus;
+    LcmBus camera_bus;
     Histogram step_times;
     std::int64_t last_heard_ns = 0;
     std::int64_t scan_since_ns = 0;
@@ -171,6 +174,8 @@ int main(int argc, char** argv) {
     options.add_option("--lcm-url", url, "LCM bus of the flight")->capture_default_str();
     options.add_option("--stats", stats_path, "write step times and memory to this JSON file at the end");
     options.add_option("--atlas", atlas_path, "write the atlas (docs/atlas.md) to this file while flying");
+    std::string camera_url;
+    options.add_option("--camera-url", camera_url, "LCM bus of the camera and noctule-vision: its objects go into the atlas");
     std::int64_t policy_wait_ms = 0;
     options.add_option("--policy-wait-ms", policy_wait_ms, "lockstep: wait so long for a policy outside (parameter policy = 3); 0: never, as in flight")->check(CLI::Range(0, 10000));
     noctule::RealtimeOptions realtime;
@@ -191,17 +196,23 @@ int main(int argc, char** argv) {
         std::fprintf(stderr, "noctule-nav: %s\n", process.bus.error());
         return 2;
     }
+    if (!camera_url.empty() && !process.camera_bus.open(camera_url.c_str())) {
+        std::fprintf(stderr, "noctule-nav: %s\n", process.camera_bus.error());
+        return 2;
+    }
     noctule::install_stop_signals();
 
     static NavNode node(parameters, publish, &process, monotonic_ns);
     static noctule::PosixDisk disk;
     static noctule::AtlasContents contents;
+    static noctule::AtlasObjects objects;
     std::optional<noctule::AtlasWriter> atlas;
     if (!atlas_path.empty()) { atlas.emplace(disk, atlas_path, noctule::kMaxAtlasBytes); }
     const auto write_down = [&atlas] {
         const std::int64_t t_us = node.newest_t_us();
         if (!atlas || t_us <= 0 || !atlas->wants(t_us)) { return; }
         noctule::fill_atlas(node.navigator(), t_us, contents);
+        objects.list(contents.objects);
         atlas->give(noctule::encode_atlas(contents, node.navigator().grid(), atlas->buffer()), t_us);
     };
     process.policy_wait_ns = policy_wait_ms * kNanosecondsPerMillisecond;
@@ -224,13 +235,23 @@ int main(int argc, char** argv) {
         }
     }
 
+    auto on_objects = [](const noctule::objects_t& seen) {
+        const noctule::FloorPlanner& floors = node.navigator().mission().floors();
+        objects.note(seen, floors.layer() == noctule::FloorPlanner::kShaft ? -1 : floors.name_of(floors.layer()));
+    };
+    if (!camera_url.empty() && !process.camera_bus.subscribe<noctule::objects_t>(noctule::kChannelObjects, on_objects)) {
+        std::fprintf(stderr, "noctule-nav: cannot subscribe to %s\n", noctule::kChannelObjects);
+        return 2;
+    }
+
     process.last_heard_ns = monotonic_ns();
     std::int64_t next_complaint_ns = 0;
     noctule::Watchdog watchdog;
     watchdog.ready();
-    // Start-up ends with the first step: until then the bus's own reader may still allocate.
+    // Start-up ends with the first step, with a camera's bus when that has brought something, or after kStartSteps: until then a bus's own reader may still allocate.
     std::int64_t heap_at_first_step = -1;
     while (!noctule::stop_requested()) {
+        if (!camera_url.empty()) { static_cast<void>(process.camera_bus.handle(0)); }
         if (process.bus.handle(kPoll_ms) < 0) {
             if (noctule::stop_requested()) { break; }
             std::fprintf(stderr, "noctule-nav: the LCM bus failed\n");
@@ -241,7 +262,8 @@ int main(int argc, char** argv) {
         if (node.scan_waiting() && !node.step_due() && now_ns - process.scan_since_ns > kScanHold_ms * kNanosecondsPerMillisecond) {
             node.step();  // inertial data is late: go on with what there is
         }
-        if (heap_at_first_step < 0 && process.step_times.count() > 0 && noctule_heap_allocations != nullptr) {
+        const std::uint64_t first_step = camera_url.empty() || process.camera_bus.counters().received > 0 ? 1 : kStartSteps;
+        if (heap_at_first_step < 0 && process.step_times.count() >= first_step && noctule_heap_allocations != nullptr) {
             heap_at_first_step = noctule_heap_allocations();
         }
         write_down();

@@ -281,7 +281,7 @@ class Flight:
         watchers = PortLock.folder() / f"{GROUND_PORT}.claim"
         if self._claim_watchers(watchers):
             bridge += ["--ground", f"udpout:127.0.0.1:{GROUND_PORT}"]
-        nav_more = self._start_policy(url, parameters)
+        nav_more = self._start_policy(url, parameters) + (["--camera-url", camera_url] if camera else [])
         counter = build_folder() / "lib" / "libnoctule_heap_count.so"
         counted = {"LD_PRELOAD": str(counter)} if counter.is_file() else None
         self._start_child("noctule-bridge", [programs["noctule-bridge"], *bridge, "--stats", self.folder / "log" / "bridge-stats.json"], counted)
