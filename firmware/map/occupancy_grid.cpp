@@ -9,11 +9,12 @@ namespace noctule {
 namespace {
 
 constexpr float kUnitsPerNat = 16.0F;          ///< grid_tile_t's unit
-constexpr float kOffsetUnits = 256.0F;         ///< hit offsets per cell edge
 constexpr float kPassesByCells = 0.25F;        ///< a beam farther than this from a cell's mean hit does not contradict it
 constexpr float kGrazesCells = 3.0F;           ///< nor does one that ends within this behind it: it grazes the same wall
 constexpr float kGrazesFarCells = 12.0F;       ///< nor one that ends within this behind it,
 constexpr float kPassesFarByCells = 0.1F;      ///< unless it passes the mean hit nearer than this
+constexpr float kHalfDiagonalCells = 0.75F;    ///< and what rounding may add
+constexpr float kReachSlackCells = 0.02F;       ///< for rounding
 constexpr float kLevelCells = 2.0F;            ///< a beam farther than this over or under the vehicle's plane does not contradict a hit
 constexpr float kTrend = 1.5F;                 ///< a wall's ranges grow faster than linearly with the beam
 constexpr float kTrendSlackM = 0.05F;          ///< for noise
@@ -218,67 +219,82 @@ void OccupancyGrid::miss(const CellId id, std::uint64_t* const rows, const Beam&
     touch(id, before);
 }
 
-// Walks the cells along a beam from its origin to its end (Amanatides and Woo 1987): visit(cell, how far along the beam its centre
-// lies, which never falls), until that returns false.
-template <class F> void OccupancyGrid::walk(const Beam& beam, F&& visit) {
-    Cell c{floor_int(beam.origin_x), floor_int(beam.origin_y)};
-    const std::int32_t step_x = beam.dir_x > 0.0F ? 1 : -1;
-    const std::int32_t step_y = beam.dir_y > 0.0F ? 1 : -1;
-    const auto step_fx = static_cast<float>(step_x);
-    const auto step_fy = static_cast<float>(step_y);
-    constexpr float kFar = 1e9F;
-    const float per_x = std::fabs(beam.dir_x) > 1e-7F ? 1.0F / std::fabs(beam.dir_x) : kFar;
-    const float per_y = std::fabs(beam.dir_y) > 1e-7F ? 1.0F / std::fabs(beam.dir_y) : kFar;
-    const auto to_edge = [](const float at, const std::int32_t cell, const std::int32_t step) {
-        return step > 0 ? static_cast<float>(cell + 1) - at : at - static_cast<float>(cell);
-    };
-    float next_x = per_x < kFar ? to_edge(beam.origin_x, c.ix, step_x) * per_x : kFar;
-    float next_y = per_y < kFar ? to_edge(beam.origin_y, c.iy, step_y) * per_y : kFar;
-    float middle_x = static_cast<float>(c.ix) + 0.5F;
-    float middle_y = static_cast<float>(c.iy) + 0.5F;
-    for (float entered = 0.0F; entered <= beam.length;) {
-        if (!visit(c, (middle_x - beam.origin_x) * beam.dir_x + (middle_y - beam.origin_y) * beam.dir_y)) { return; }
+/// A walk over the cells along a beam, from its origin (Amanatides and Woo 1987).
+struct OccupancyGrid::Walk {
+    explicit Walk(const Beam& beam) : ix(floor_int(beam.origin_x)), iy(floor_int(beam.origin_y)), step_x(beam.dir_x > 0.0F ? 1 : -1), step_y(beam.dir_y > 0.0F ? 1 : -1) {
+        const auto to_edge = [](const float at, const std::int32_t cell, const std::int32_t step) {
+            return step > 0 ? static_cast<float>(cell + 1) - at : at - static_cast<float>(cell);
+        };
+        if (std::fabs(beam.dir_x) > 1e-7F) {
+            per_x = 1.0F / std::fabs(beam.dir_x);
+            next_x = to_edge(beam.origin_x, ix, step_x) * per_x;
+        }
+        if (std::fabs(beam.dir_y) > 1e-7F) {
+            per_y = 1.0F / std::fabs(beam.dir_y);
+            next_y = to_edge(beam.origin_y, iy, step_y) * per_y;
+        }
+    }
+    void step() {
         if (next_x < next_y) {
             entered = next_x;
             next_x += per_x;
-            middle_x += step_fx;
-            c.ix += step_x;
+            ix += step_x;
         } else {
             entered = next_y;
             next_y += per_y;
-            middle_y += step_fy;
-            c.iy += step_y;
+            iy += step_y;
         }
     }
-}
+    /// How far along the beam the cell's centre lies: never less than that of the cell before, at most half a diagonal past `entered`.
+    [[nodiscard]] float centre_along(const Beam& beam) const {
+        return (static_cast<float>(ix) + 0.5F - beam.origin_x) * beam.dir_x + (static_cast<float>(iy) + 0.5F - beam.origin_y) * beam.dir_y;
+    }
+
+    static constexpr float kFar = 1e9F;
+    std::int32_t ix;
+    std::int32_t iy;
+    std::int32_t step_x;
+    std::int32_t step_y;
+    float per_x = kFar;
+    float per_y = kFar;
+    float next_x = kFar;
+    float next_y = kFar;
+    float entered = 0.0F;   ///< how far along the beam the cell begins
+};
 
 // Cells whose centre, projected on the beam, lies before `clear_to` are crossed. Most of them a beam beside this one has entered already.
 void OccupancyGrid::clear_along(const Beam& beam, const float clear_to, const float rise) {
-    Cell corner{std::numeric_limits<std::int32_t>::min(), 0};   // of the tile that the beam is in
+    static constexpr std::array<std::uint64_t, kTileCells> kUntouched{};
+    std::int32_t corner_x = std::numeric_limits<std::int32_t>::min();   // of the tile that the beam is in
+    std::int32_t corner_y = 0;
     std::int32_t slot = -1;
     std::uint64_t* rows = nullptr;
-    walk(beam, [&](const Cell c, const float along) {
-        if (!(along < clear_to)) { return false; }
-        if ((((c.ix ^ corner.ix) | (c.iy ^ corner.iy)) & ~63) != 0) {
-            corner = {c.ix & ~63, c.iy & ~63};
-            slot = slot_or_lay(c.ix >> 6, c.iy >> 6);
+    const std::uint64_t* done = kUntouched.data();
+    const float surely = std::min(clear_to - kHalfDiagonalCells, beam.length);
+    for (Walk at{beam}; at.entered < surely || (at.entered <= beam.length && at.centre_along(beam) < clear_to); at.step()) {
+        auto i = static_cast<std::uint32_t>(at.ix) - static_cast<std::uint32_t>(corner_x);
+        auto j = static_cast<std::uint32_t>(at.iy) - static_cast<std::uint32_t>(corner_y);
+        if ((i | j) >= static_cast<std::uint32_t>(kTileCells)) {
+            corner_x = at.ix & ~63;
+            corner_y = at.iy & ~63;
+            i = static_cast<std::uint32_t>(at.ix & 63);
+            j = static_cast<std::uint32_t>(at.iy & 63);
+            slot = slot_or_lay(at.ix >> 6, at.iy >> 6);
             rows = slot < 0 ? nullptr : touched_rows(slot);
+            done = rows == nullptr ? kUntouched.data() : rows;
         }
-        if (slot < 0) { return true; }
-        const CellId id = id_in(slot, c);
-        if (!is_touched(rows, id)) { miss(id, rows, beam, clear_to, rise); }
-        return true;
-    });
+        if ((done[j] >> i & 1U) == 0U && slot >= 0) { miss(id_in(slot, {at.ix, at.iy}), rows, beam, clear_to, rise); }
+    }
 }
 
 // Cells whose centre lies between `mark_from` and `mark_to` are occupied (obstacle thickness over one cell).
 void OccupancyGrid::mark_along(const Beam& beam, const float mark_from, const float mark_to) {
-    walk(beam, [&](const Cell c, const float along) {
-        if (along < mark_from || along > mark_to) { return true; }
-        const CellId id = find_or_lay(c);
-        if (id != kNoCell) { hit(id, static_cast<float>(c.ix) + 0.5F, static_cast<float>(c.iy) + 0.5F); }
-        return true;
-    });
+    for (Walk at{beam}; at.entered <= beam.length; at.step()) {
+        const float along = at.centre_along(beam);
+        if (along < mark_from || along > mark_to) { continue; }
+        const CellId id = find_or_lay({at.ix, at.iy});
+        if (id != kNoCell) { hit(id, static_cast<float>(at.ix) + 0.5F, static_cast<float>(at.iy) + 0.5F); }
+    }
 }
 
 void OccupancyGrid::integrate(const Estimate& estimate, const LevelScan& scan) {
@@ -389,43 +405,57 @@ float OccupancyGrid::open_range_m(const LevelScan& scan, const std::size_t k) {
     return std::clamp(along, 0.0F, 1.0F) * length;
 }
 
-void OccupancyGrid::hit_point(const CellId id, float& x_m, float& y_m) const {
-    const GridTile& t = tiles_[static_cast<std::size_t>(id >> 12)];
-    const auto k = static_cast<std::size_t>(id & 4095);
-    const Cell c = cell(id);
-    x_m = geometry_.to_metres(static_cast<float>(c.ix) + 0.5F + static_cast<float>(t.hit_x[k]) / kOffsetUnits);
-    y_m = geometry_.to_metres(static_cast<float>(c.iy) + 0.5F + static_cast<float>(t.hit_y[k]) / kOffsetUnits);
-}
-
 float OccupancyGrid::clearance_m(const float x_m, const float y_m, const float radius_m, float* const at_x_m, float* const at_y_m) const {
     const Cell centre = geometry_.cell(x_m, y_m);
-    const auto reach = static_cast<std::int32_t>(std::ceil(geometry_.to_cells(radius_m)));
+    const float x = geometry_.to_cells(x_m);
+    const float y = geometry_.to_cells(y_m);
+    float reach = geometry_.to_cells(radius_m) + kReachSlackCells;   // what is nearer than the best lies in cells that this circle meets
     float best = radius_m * radius_m;
-    const std::int32_t x1 = centre.ix + reach;
-    // Eight cells of a row at a time; those outside the square are masked.
-    for (std::int32_t iy = centre.iy - reach; iy <= centre.iy + reach; ++iy) {
-        std::int32_t slot = -1;
-        for (std::int32_t x8 = (centre.ix - reach) & ~7; x8 <= x1; x8 += 8) {
-            if ((x8 & 63) == 0 || x8 <= centre.ix - reach) { slot = tile_slot(x8 >> 6, iy >> 6); }
+    CellId nearest = kNoCell;
+    Cell tile{std::numeric_limits<std::int32_t>::min(), 0};
+    std::int32_t slot = -1;
+    // Rows from the middle outwards, eight cells at a time; those outside the circle are masked.
+    for (std::int32_t turn = 1; static_cast<float>(turn / 2 - 1) <= reach; ++turn) {
+        const std::int32_t iy = centre.iy + ((turn & 1) != 0 ? turn / 2 : -(turn / 2));
+        const float aside = std::max({static_cast<float>(iy) - y, y - static_cast<float>(iy + 1), 0.0F});
+        if (aside > reach) { continue; }
+        const float half = std::sqrt(reach * reach - aside * aside);
+        const std::int32_t x0 = floor_int(x - half);
+        const std::int32_t x1 = floor_int(x + half);
+        for (std::int32_t x8 = x0 & ~7; x8 <= x1; x8 += 8) {
+            if (const Cell at{x8 >> 6, iy >> 6}; !(at == tile)) {
+                tile = at;
+                slot = tile_slot(at.ix, at.iy);
+            }
             if (slot < 0) { continue; }
             const CellId id8 = id_in(slot, {x8, iy});
             std::uint32_t left = classes_of_eight(id8).occupied;
-            if (x8 < centre.ix - reach) { left &= 0xFFU << static_cast<unsigned>(centre.ix - reach - x8); }
+            if (left == 0U) { continue; }
+            if (x8 < x0) { left &= 0xFFU << static_cast<unsigned>(x0 - x8); }
             if (x8 + 7 > x1) { left &= 0xFFU >> static_cast<unsigned>(x8 + 7 - x1); }
             for (; left != 0U; left &= left - 1U) {
+                const CellId id = id8 + std::countr_zero(left);
                 float hx = 0.0F;
                 float hy = 0.0F;
-                hit_point(id8 + std::countr_zero(left), hx, hy);
+                hit_point(id, hx, hy);
                 const float d2 = (hx - x_m) * (hx - x_m) + (hy - y_m) * (hy - y_m);
-                if (d2 < best) {
-                    best = d2;
-                    if (at_x_m != nullptr) { *at_x_m = hx; }
-                    if (at_y_m != nullptr) { *at_y_m = hy; }
-                }
+                if (!(d2 < best) && !(d2 == best && nearest != kNoCell && comes_before(id, nearest))) { continue; }
+                best = d2;
+                nearest = id;
+                if (at_x_m != nullptr) { *at_x_m = hx; }
+                if (at_y_m != nullptr) { *at_y_m = hy; }
             }
         }
+        if (nearest != kNoCell) { reach = geometry_.to_cells(std::sqrt(best)) + kReachSlackCells; }
     }
     return std::sqrt(best);
+}
+
+// Of two hits equally far the one in the lower row counts, then the one farther left.
+bool OccupancyGrid::comes_before(const CellId a, const CellId b) const {
+    const Cell ca = cell(a);
+    const Cell cb = cell(b);
+    return ca.iy != cb.iy ? ca.iy < cb.iy : ca.ix < cb.ix;
 }
 
 bool OccupancyGrid::line_is_free(const float x0_m, const float y0_m, const float x1_m, const float y1_m) const {

@@ -113,9 +113,15 @@ public:
     }
     [[nodiscard]] CellClass cell_class(const Cell c) const { return cell_class(find(c)); }
     /// Mean hit of an occupied cell, frame Map.
-    void hit_point(CellId id, float& x_m, float& y_m) const;
+    void hit_point(const CellId id, float& x_m, float& y_m) const {
+        const GridTile& t = tiles_[static_cast<std::size_t>(id >> 12)];
+        const auto k = static_cast<std::size_t>(id & 4095);
+        const Cell c = cell(id);
+        x_m = geometry_.to_metres(static_cast<float>(c.ix) + 0.5F + static_cast<float>(t.hit_x[k]) / kOffsetUnits);
+        y_m = geometry_.to_metres(static_cast<float>(c.iy) + 0.5F + static_cast<float>(t.hit_y[k]) / kOffsetUnits);
+    }
     /// Distance from a point to the nearest hit, searched up to radius_m; radius_m if there is none.
-    /// at_x_m and at_y_m receive the hit. Cost: (2 radius / cell)^2.
+    /// at_x_m and at_y_m receive the hit. Cost: at most (2 radius / cell)^2.
     [[nodiscard]] float clearance_m(float x_m, float y_m, float radius_m, float* at_x_m = nullptr, float* at_y_m = nullptr) const;
     /// True: the straight line between two points meets no occupied cell and no unknown one.
     [[nodiscard]] bool line_is_free(float x0_m, float y0_m, float x1_m, float y1_m) const;
@@ -157,6 +163,7 @@ public:
     [[nodiscard]] const Counters& counters() const { return counters_; }
 
 private:
+    static constexpr float kOffsetUnits = 256.0F;   ///< hit offsets per cell edge
     static constexpr std::uint64_t kEach = 0x0101010101010101ULL;
     static constexpr std::uint64_t kSigns = kEach << 7U;
     /// Bit k: the sign of byte k.
@@ -181,7 +188,8 @@ private:
     void load_parameters();
     void hit(CellId id, float x_cells, float y_cells);
     struct Beam { float origin_x; float origin_y; float dir_x; float dir_y; float length; };   ///< in cells, direction of unit length
-    template <class F> static void walk(const Beam& beam, F&& visit);
+    struct Walk;
+    [[nodiscard]] bool comes_before(CellId a, CellId b) const;
     void miss(CellId id, std::uint64_t* touched_rows, const Beam& beam, float end, float rise);
     [[nodiscard]] float open_range_m(const LevelScan& scan, std::size_t k);
     void touch(CellId id, CellClass before);

@@ -2,6 +2,7 @@
 #include <cmath>
 #include <cstring>
 #include <memory>
+#include <random>
 #include <set>
 #include <utility>
 
@@ -311,6 +312,44 @@ void clearance_is_measured_to_hits_not_to_cells() {
     }
 }
 
+void clearance_is_that_of_the_nearest_of_all_hits() {
+    Parameters p;
+    p.obstacle_thickness_m = 0.0F;
+    const auto grid = grid_with(p);
+    std::mt19937 rng{5};
+    std::uniform_real_distribution<float> bearing{-3.1F, 3.1F};
+    std::uniform_real_distribution<float> range{0.2F, 9.0F};
+    LevelScan s = empty_sweep();
+    for (int k = 0; k < 1000; ++k) { add(s, bearing(rng), range(rng), true); }   // GIVEN hits strewn over several tiles
+    grid->integrate(at(0.04F, 0.05F), s);
+    std::uniform_real_distribution<float> place{-7.0F, 7.0F};
+    int without = 0;
+    for (int k = 0; k < 400; ++k) {
+        const float x_m = place(rng);
+        const float y_m = place(rng);
+        for (const float radius_m : {0.12F, 0.36F, 0.55F, 0.8F, 2.0F}) {
+            float nearest_m2 = radius_m * radius_m;
+            float want_x_m = -99.0F;
+            for (CellId id = 0; id < grid->tile_count() * noctule::kTileArea; ++id) {
+                if (grid->cell_class(id) != CellClass::occupied) { continue; }
+                float hx = 0.0F;
+                float hy = 0.0F;
+                grid->hit_point(id, hx, hy);
+                const float d2 = (hx - x_m) * (hx - x_m) + (hy - y_m) * (hy - y_m);
+                if (d2 < nearest_m2) {
+                    nearest_m2 = d2;
+                    want_x_m = hx;
+                }
+            }
+            float at_x_m = -99.0F;
+            TEST_ASSERT_EQUAL_FLOAT(std::sqrt(nearest_m2), grid->clearance_m(x_m, y_m, radius_m, &at_x_m));   // THEN no nearer one is missed
+            TEST_ASSERT_EQUAL_FLOAT(want_x_m, at_x_m);
+            without += want_x_m < -90.0F ? 1 : 0;
+        }
+    }
+    TEST_ASSERT_TRUE(without > 100 && without < 1800);   // both cases were met
+}
+
 void the_camera_sees_its_sector_of_free_cells_up_to_the_first_wall() {
     Parameters p;
     p.no_return_open = 0.0F;
@@ -394,6 +433,7 @@ int main() {
     RUN_TEST(a_full_pool_refuses_counts_and_keeps_what_it_has);
     RUN_TEST(every_change_is_published_in_the_end);
     RUN_TEST(clearance_is_measured_to_hits_not_to_cells);
+    RUN_TEST(clearance_is_that_of_the_nearest_of_all_hits);
     RUN_TEST(the_camera_sees_its_sector_of_free_cells_up_to_the_first_wall);
     RUN_TEST(floors_share_the_pool_and_nothing_else);
     return UNITY_END();
