@@ -9,6 +9,7 @@ namespace {
 
 constexpr double kBelowOne = 1.0 - 1e-15;      ///< of a free cell among walls
 constexpr double kTolerance = 1e-4;            ///< relative change at which the relaxation ends
+constexpr std::int32_t kMostSweeps = 500;      ///< of the window a step; cut off after ten the vehicle goes to and fro (docs/paper.md, figure 9)
 constexpr std::int64_t kNowhereUs = 20000000;  ///< without a lower cell beside the vehicle, or without getting on
 constexpr std::int64_t kCountUs = 1000000;
 constexpr std::int32_t kStepsAhead = 12;       ///< cells of the way that are handed on
@@ -26,7 +27,7 @@ void PaperPolicy::begin(const Pose2<Map, Body>& home) {
     counters_ = {};
 }
 
-void PaperPolicy::relax(const MapView& map, const Cell centre, const std::int32_t half, const std::int32_t budget_cells) {
+void PaperPolicy::relax(const MapView& map, const Cell centre, const std::int32_t half) {
     const std::int32_t x0 = std::max<std::int32_t>(centre.ix - half + 1, 1);
     const std::int32_t y0 = std::max<std::int32_t>(centre.iy - half + 1, 1);
     const std::int32_t x1 = std::min(centre.ix + half - 1, kSide - 2);
@@ -47,9 +48,7 @@ void PaperPolicy::relax(const MapView& map, const Cell centre, const std::int32_
             }
         }
     }
-    const std::int32_t area = std::max<std::int32_t>((x1 - x0 + 1) * (y1 - y0 + 1), 1);
-    const std::int32_t sweeps = std::max<std::int32_t>(budget_cells / area, 1);
-    for (std::int32_t sweep = 0; sweep < sweeps; ++sweep) {
+    for (std::int32_t sweep = 0; sweep < kMostSweeps; ++sweep) {
         double change = 0.0;
         for (std::int32_t y = y0; y <= y1; ++y) {
             for (std::int32_t x = x0; x <= x1; ++x) {
@@ -114,11 +113,9 @@ void PaperPolicy::count(const MapView& map) {
     unknown_share_ = known > 0 ? static_cast<float>(never) / static_cast<float>(known) : 1.0F;
 }
 
-const PolicyAnswer& PaperPolicy::step(const MapView& map, const Pose2<Map, Body>& pose, const std::int32_t budget_cells) {
-    const Cell lattice = map.grid.geometry().cell(pose.x_m, pose.y_m);
+const PolicyAnswer& PaperPolicy::step(const MapView& map, const Pose2<Map, Body>& /*pose*/, const std::int32_t /*budget_cells*/) {
     const Cell from = map.grid.geometry().cell(map.from.x_m, map.from.y_m);
     const Cell centre{from.ix - corner_.ix, from.iy - corner_.iy};
-    static_cast<void>(lattice);
     const auto half = static_cast<std::int32_t>(map.grid.geometry().to_cells(p_.potential_window_m));
     if (centre.ix < 2 || centre.iy < 2 || centre.ix > kSide - 3 || centre.iy > kSide - 3) {  // out of the area given in advance
         answer_.valid = false;
@@ -126,7 +123,7 @@ const PolicyAnswer& PaperPolicy::step(const MapView& map, const Pose2<Map, Body>
         return answer_;
     }
     if (lowered_us_ < 0) { lowered_us_ = map.t_us; }
-    relax(map, centre, half, std::max<std::int32_t>(budget_cells, 4000));
+    relax(map, centre, half);
     trace(map, centre, half);
     if (counted_us_ < 0 || map.t_us - counted_us_ >= kCountUs) {
         counted_us_ = map.t_us;

@@ -29,7 +29,7 @@ public:
 private:
     static constexpr auto kSide = static_cast<std::int32_t>(kMaxPaperSide);   ///< cells of the area, centred on the start
     [[nodiscard]] double& at(const std::int32_t x, const std::int32_t y) { return phi_[static_cast<std::size_t>(y * kSide + x)]; }
-    void relax(const MapView& map, Cell centre, std::int32_t half, std::int32_t budget_cells);
+    void relax(const MapView& map, Cell centre, std::int32_t half);
     void trace(const MapView& map, Cell centre, std::int32_t half);
     void count(const MapView& map);
 
