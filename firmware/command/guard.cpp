@@ -26,6 +26,7 @@ constexpr float kOppositeShare = 0.3F;  ///< cosine from which a hit point is on
 constexpr float kPushM_S = 0.2F;        ///< at which pushes move a setpoint that would hardly move by itself
 constexpr float kPushedM = 0.001F;      ///< from which a push takes the velocity against it away
 constexpr float kNotableM = 0.01F;      ///< smaller changes do not count as interventions
+constexpr std::size_t kTreadEvery = 4;  ///< hit points of stairs before which a tread is put
 constexpr float kMostTrimM = 0.06F;     ///< per axis; the clearances are those of the setpoint without it
 constexpr float kTrimStepM = 0.05F;     ///< per step and axis, what the guard draws the vehicle by included
 constexpr float kMaxGapS = 0.2F;
@@ -93,7 +94,7 @@ void Guard::gather(const Estimate& estimate, const LevelScan& scan, const Occupa
     }
     // Stairs rise from the tread that was under the vehicle to what is hit of them: a tread before that is not seen.
     const std::size_t seen = near_.size();
-    for (std::size_t k = 0; !stairs.empty() && k < seen; ++k) {
+    for (std::size_t k = 0; !stairs.empty() && k < seen; k += kTreadEvery) {
         const Near n = near_[k];
         const StairPlace* const tread = stairs_near(stairs, grid.floor(), n.x_m, n.y_m, kStairsReachM);
         if (tread == nullptr) { continue; }

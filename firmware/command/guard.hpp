@@ -58,7 +58,7 @@ private:
     Setpoint out_;
     Setpoint last_;
     std::int64_t last_us_ = -1;
-    Bounded<Near, 2 * kMaxBeams> near_;   ///< hit points within reach, frame Map; and treads before them
+    Bounded<Near, kMaxBeams + kMaxBeams / 4> near_;   ///< hit points within reach, frame Map; and treads before every fourth
     GuardRule rule_ = GuardRule::none;
     std::int32_t interventions_ = 0;
     std::array<std::int32_t, 10> acted_{};

@@ -131,7 +131,7 @@ bool FloorPlanner::wants_search() const {
     const bool up = linked(true);
     const bool down = linked(false);
     return vertical_.size() > 0U && !floor.searched && !full() && !(up && down) &&
-           (floor.pass == 0 || floor.searched_s < (up || down ? p_.floor_search_linked_s : p_.floor_search_s) + p_.floor_search_share * floor.explored_s);
+           ((floor.pass == 0 && !up && !down) || floor.searched_s < (up || down ? p_.floor_search_linked_s : p_.floor_search_s) + p_.floor_search_share * floor.explored_s);
 }
 
 // Where the search is flown to its end few passes are the shortest way; where it has little time the widest openings come first.

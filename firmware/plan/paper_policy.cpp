@@ -22,7 +22,7 @@ void PaperPolicy::begin(const Pose2<Map, Body>& home) {
     corner_ = {middle(home.x_m) - kSide / 2, middle(home.y_m) - kSide / 2};
     answer_ = PolicyAnswer{};
     lowered_us_ = counted_us_ = -1;
-    unknown_share_ = 1.0F;
+    unknown_share_ = least_share_ = 1.0F;
     led_nowhere_ = false;
     counters_ = {};
 }
@@ -127,10 +127,13 @@ const PolicyAnswer& PaperPolicy::step(const MapView& map, const Pose2<Map, Body>
     trace(map, centre, half);
     if (counted_us_ < 0 || map.t_us - counted_us_ >= kCountUs) {
         counted_us_ = map.t_us;
-        const float before = unknown_share_;
         count(map);
         ++counters_.passes;
-        if (unknown_share_ < before - 1e-4F) { lowered_us_ = map.t_us; }
+        // Against the least so far: to and fro over the same place the share goes up and down.
+        if (unknown_share_ < least_share_ - 1e-4F) {
+            least_share_ = unknown_share_;
+            lowered_us_ = map.t_us;
+        }
         if (unknown_share_ < p_.paper_unknown_share) { answer_.finished = true; }
     }
     if (map.t_us - lowered_us_ > 3 * kNowhereUs || (path_.size() < 2U && map.t_us - lowered_us_ > kNowhereUs)) {

@@ -41,6 +41,7 @@ private:
     std::int64_t lowered_us_ = -1;   ///< when the gradient last led on
     std::int64_t counted_us_ = -1;
     float unknown_share_ = 1.0F;
+    float least_share_ = 1.0F;
     bool led_nowhere_ = false;
 };
 
