@@ -299,7 +299,8 @@ class Flight:
                                                  "--flight-lcm-url", url, "--calibration", self.folder / "camera.yaml",
                                                  "--database", self.folder / "objects.db"])
             if self.settings.video:
-                self._start_child("noctule-video", [need_program("noctule-video"), "--lcm-url", camera_url, "--to", self.settings.video])
+                self._start_child("noctule-video", [need_program("noctule-video"), "--lcm-url", camera_url, "--to", self.settings.video,
+                                                    "--stats", self.folder / "log" / "video-stats.json"])
             channels = "IMAGE|OBJECTS" if self.settings.log_images else "OBJECTS"
             self._start_recorder("recorder-camera", camera_url, "camera.lcm", channels)
         if not self._order_start(station):
