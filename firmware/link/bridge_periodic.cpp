@@ -22,6 +22,7 @@ constexpr std::int64_t kLocalFresh_us = kSecond_us / 2;
 constexpr std::int64_t kRepeatedText_us = 5 * kSecond_us;
 constexpr float kBelowFloor_m = 0.2F;                        // a setpoint so far below the vehicle cannot be followed: the floor is there
 constexpr float kTextBurst = 8.0F;
+constexpr float kPlace_hz = 2.0F;
 constexpr float kBaro_hz = 20.0F;                            // streams.toml, BARO
 constexpr float kTexts_hz = 2.0F;
 
@@ -184,6 +185,8 @@ void Bridge::ask_for_streams() {
     }
     // Only for an autopilot whose HIGHRES_IMU has no pressure, and only where somebody wants it.
     if (p_.alt_baro_sigma_m > 0.0F && (baro_.seq == 0 || baro_.t_us < streams_since_us_)) { ask_for(MAVLINK_MSG_ID_SCALED_PRESSURE, kBaro_hz); }
+    // The place on ground stations' maps; not every one of them asks the autopilot for it.
+    if (flavour_ != nullptr && flavour_->origin_serves && origin_known_ && global_us_ < streams_since_us_) { ask_for(MAVLINK_MSG_ID_GLOBAL_POSITION_INT, kPlace_hz); }
     streams_since_us_ = now_us_;
     next_streams_us_ = now_us_ + kStreamsPeriod_us;
 }

@@ -2,6 +2,7 @@
 #include <unity.h>
 
 #include <limits>
+#include <memory>
 
 #include "link/obstacle_ring.hpp"
 #include "unit/link/bridge_scene.hpp"
@@ -171,6 +172,37 @@ static void an_origin_is_given_and_verified_and_one_that_is_there_stays() {
     deaf.run(40.0);
     TEST_ASSERT_TRUE(deaf.said("global origin not confirmed"));
     TEST_ASSERT_GREATER_OR_EQUAL_size_t(3, Scene::count(deaf.out.autopilot, MAVLINK_MSG_ID_SET_GPS_GLOBAL_ORIGIN));
+}
+
+static int asks_for_the_place(const Scene& s) {
+    int n = 0;
+    for (const mavlink_command_long_t& c : s.commands(MAV_CMD_SET_MESSAGE_INTERVAL)) { n += c.param1 == static_cast<float>(MAVLINK_MSG_ID_GLOBAL_POSITION_INT) ? 1 : 0; }
+    return n;
+}
+
+static void the_place_on_the_map_is_asked_for_where_there_is_one() {
+    mavlink_gps_global_origin_t origin{};
+    origin.latitude = 473974000;
+    origin.longitude = 85451000;
+    for (const std::uint8_t type : {std::uint8_t{MAV_AUTOPILOT_ARDUPILOTMEGA}, std::uint8_t{MAV_AUTOPILOT_PX4}}) {
+        const auto s = std::make_unique<Scene>();
+        s->autopilot_type = type;
+        s->run(8.0);
+        TEST_ASSERT_EQUAL_INT(0, asks_for_the_place(*s));       // no origin yet
+        s->from_autopilot(mavlink_msg_gps_global_origin_encode_status, origin);
+        s->run(12.0);
+        if (type == MAV_AUTOPILOT_PX4) {
+            TEST_ASSERT_EQUAL_INT(0, asks_for_the_place(*s));
+            continue;
+        }
+        const int asked = asks_for_the_place(*s);
+        TEST_ASSERT_GREATER_OR_EQUAL_INT(2, asked);             // again and again while it does not come
+        for (int i = 0; i < 20; ++i) {
+            s->run(1.0);
+            s->from_autopilot(mavlink_msg_global_position_int_encode_status, mavlink_global_position_int_t{});
+        }
+        TEST_ASSERT_LESS_OR_EQUAL_INT(asked + 1, asks_for_the_place(*s));
+    }
 }
 
 static void px4_gets_no_origin_and_does_not_start_with_one_that_it_makes_nothing_of() {
@@ -448,6 +480,7 @@ int main() {
     RUN_TEST(an_obstacle_stands_in_the_sector_where_it_is);
     RUN_TEST(scans_become_obstacles_at_ten_hertz);
     RUN_TEST(an_origin_is_given_and_verified_and_one_that_is_there_stays);
+    RUN_TEST(the_place_on_the_map_is_asked_for_where_there_is_one);
     RUN_TEST(px4_gets_no_origin_and_does_not_start_with_one_that_it_makes_nothing_of);
     RUN_TEST(two_autopilots_refuse_the_start_until_one_is_chosen);
     RUN_TEST(an_estimator_without_a_position_refuses_the_start);
