@@ -23,6 +23,7 @@ void InertialFilter::start() {
     for (const std::size_t i : {kVx, kVy}) { p_(i, i) = square(0.05); }
     for (const std::size_t i : {kBiasX, kBiasY}) { p_(i, i) = square(static_cast<double>(parameters_.accel_bias_start_m_s2)); }
     p_(kBiasYaw, kBiasYaw) = square(static_cast<double>(parameters_.gyro_bias_start_rad_s));
+    for (const std::size_t i : {kTiltX, kTiltY}) { p_(i, i) = square(static_cast<double>(parameters_.accel_tilt_m_s2)); }
     yaw_rate_rad_s_ = 0.0;
     mark();
 }
@@ -46,8 +47,8 @@ InertialFilter::Vector InertialFilter::propagate(const Vector& x, const Input& i
     const double sph = std::sin(input.roll_rad);
     const double cth = std::cos(input.pitch_rad);
     const double sth = std::sin(input.pitch_rad);
-    const double fx = input.accel_m_s2[0] - x(kBiasX, 0);
-    const double fy = input.accel_m_s2[1] - x(kBiasY, 0);
+    const double fx = input.accel_m_s2[0] - x(kBiasX, 0) - x(kTiltX, 0);
+    const double fy = input.accel_m_s2[1] - x(kBiasY, 0) - x(kTiltY, 0);
     const double fz = input.accel_m_s2[2];
     // Algorithms B, first in the level frame (yaw 0); gravity acts on z alone.
     const double level_x = cth * fx + sph * sth * fy + cph * sth * fz;
@@ -78,11 +79,13 @@ InertialFilter::Vector InertialFilter::propagate(const Vector& x, const Input& i
     J_next_now(kY, kYaw) = half * ax;
     J_next_now(kVx, kYaw) = -dt_s * ay;
     J_next_now(kVy, kYaw) = dt_s * ax;
-    for (std::size_t i = 0; i < 2; ++i) {
-        J_next_now(kX, kBiasX + i) = half * J_ax_bias[i];
-        J_next_now(kY, kBiasX + i) = half * J_ay_bias[i];
-        J_next_now(kVx, kBiasX + i) = dt_s * J_ax_bias[i];
-        J_next_now(kVy, kBiasX + i) = dt_s * J_ay_bias[i];
+    for (const std::size_t first : {kBiasX, kTiltX}) {
+        for (std::size_t i = 0; i < 2; ++i) {
+            J_next_now(kX, first + i) = half * J_ax_bias[i];
+            J_next_now(kY, first + i) = half * J_ay_bias[i];
+            J_next_now(kVx, first + i) = dt_s * J_ax_bias[i];
+            J_next_now(kVy, first + i) = dt_s * J_ay_bias[i];
+        }
     }
     J_next_now(kX, kBiasYaw) = -half * ay * J_yawmid_biasyaw;
     J_next_now(kY, kBiasYaw) = half * ax * J_yawmid_biasyaw;
@@ -104,6 +107,13 @@ void InertialFilter::predict(const Input& input, const double dt_s) {
     const double yaw_before = x_(kYaw, 0);
     x_ = propagate(x_, input, dt_s, J_next_now);
     yaw_rate_rad_s_ = wrap(x_(kYaw, 0) - yaw_before) / dt_s;
+    // An autopilot's roll and pitch err slowly, but not for ever (equation 13).
+    const double kept = std::exp(-dt_s / static_cast<double>(parameters_.accel_tilt_s));
+    const double tilt_var = square(static_cast<double>(parameters_.accel_tilt_m_s2)) * (1.0 - kept * kept);
+    for (const std::size_t i : {kTiltX, kTiltY}) {
+        x_(i, 0) *= kept;
+        J_next_now(i, i) = kept;
+    }
     const double accel_var = square(static_cast<double>(parameters_.accel_noise_m_s2));
     const double gyro_var = square(static_cast<double>(parameters_.gyro_noise_rad_s));
     const double accel_walk_var = square(static_cast<double>(parameters_.accel_bias_walk_m_s2));
@@ -116,6 +126,7 @@ void InertialFilter::predict(const Input& input, const double dt_s) {
         noise(kVx + i, kX + i) = noise(kX + i, kVx + i);
         noise(kVx + i, kVx + i) = accel_var * dt_s;
         noise(kBiasX + i, kBiasX + i) = accel_walk_var * dt_s;
+        noise(kTiltX + i, kTiltX + i) = tilt_var;
     }
     noise(kYaw, kYaw) = gyro_var * dt_s;
     noise(kBiasYaw, kBiasYaw) = gyro_walk_var * dt_s;
@@ -181,7 +192,7 @@ void InertialFilter::keep_along(Matrix<double, kStates, 3>& k, const double blin
     take_out(kX, std::cos(blind_rad), std::sin(blind_rad));
     take_out(kVx, std::cos(blind_rad), std::sin(blind_rad));
     const double in_body_rad = blind_rad - x_(kYaw, 0);
-    take_out(kBiasX, std::cos(in_body_rad), std::sin(in_body_rad));
+    for (const std::size_t i : {kBiasX, kTiltX}) { take_out(i, std::cos(in_body_rad), std::sin(in_body_rad)); }
 }
 
 void InertialFilter::bound_speed(const double most_m_s) {

@@ -1,8 +1,9 @@
 /// Position, velocity and yaw from the inertial sensor, corrected by what the laser says.
 ///
-/// State: x, y [m], yaw [rad], vx, vy [m/s] in Map; accelerometer bias x, y [m/s^2] in Body; gyro bias z [rad/s].
+/// State: x, y [m], yaw [rad], vx, vy [m/s] in Map; accelerometer bias x, y [m/s^2] in Body; gyro bias z [rad/s]; what the error of
+/// roll and pitch adds to the accelerations x, y [m/s^2] in Body, which fades.
 /// Prediction: algorithms B with Z-Y-X rotation, roll and pitch given. Model and tuning: docs/maths/localisation.md#motion.
-/// Not thread-safe, no heap; 1.2 kB. Cost of predict: two products of 8x8 matrices.
+/// Not thread-safe, no heap; 1.8 kB. Cost of predict: four products of 10x10 matrices.
 #pragma once
 
 #include <array>
@@ -16,7 +17,7 @@ namespace noctule {
 
 class InertialFilter {
 public:
-    static constexpr std::size_t kX = 0, kY = 1, kYaw = 2, kVx = 3, kVy = 4, kBiasX = 5, kBiasY = 6, kBiasYaw = 7, kStates = 8;
+    static constexpr std::size_t kX = 0, kY = 1, kYaw = 2, kVx = 3, kVy = 4, kBiasX = 5, kBiasY = 6, kBiasYaw = 7, kTiltX = 8, kTiltY = 9, kStates = 10;
     using Vector = Matrix<double, kStates, 1>;
     using Square = Matrix<double, kStates, kStates>;
 
@@ -64,11 +65,11 @@ public:
     [[nodiscard]] const Square& covariance() const { return p_; }
     [[nodiscard]] double yaw_rate_rad_s() const { return yaw_rate_rad_s_; }
 
-    /// State transition of one prediction and its Jacobian; static so that a law can check it.
+    /// State transition of one prediction and its Jacobian, the fading left out; static so that a law can check it.
     static Vector propagate(const Vector& x, const Input& input, double dt_s, Square& J_next_now);
 
 private:
-    /// Takes the blind direction out of what a gain does to place, velocity and accelerometer bias.
+    /// Takes the blind direction out of what a gain does to place, velocity and the errors of acceleration.
     void keep_along(Matrix<double, kStates, 3>& k, double blind_rad) const;
     void advance(const Square& J_next_now, const Square& noise);
 

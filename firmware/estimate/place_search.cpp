@@ -16,20 +16,21 @@ constexpr std::int32_t kStep = 2;           // cells: a point beside a cell coun
 constexpr float kHalfLeast_m = 0.30F;
 constexpr float kNarrow_m = 0.75F;          // windows below this need one centre, the prediction
 constexpr float kApart_m = 2.0F;            // between centres
+constexpr float kBeside_m = 3.5F;         // of the way: where it is looked for as well, not after having been carried
+constexpr std::array<std::array<float, 2>, 5> kSpots{{{0.0F, 0.0F}, {1.0F, 0.0F}, {-1.0F, 0.0F}, {0.0F, 1.0F}, {0.0F, -1.0F}}};
 constexpr float kYawLeast_rad = 0.06F;
 constexpr float kSlice_rad = 0.33F;         // half of the headings of one slice
 constexpr std::int32_t kSlices = 10;        // that make a full turn
 constexpr std::size_t kRefined = 3;         // hills of a window that are refined
 constexpr float kScoreLeast = 0.5F;         // of a hill before it is
-constexpr float kMargin = 0.12F;            // of the points, to the next best place
 constexpr float kFarCost = 0.01F;           // for each squared standard deviation from the prediction
 constexpr float kOther_m = 0.35F;           // another place
 constexpr float kOther_rad = 0.25F;
 constexpr float kKnown_m = 0.02F;           // from the sweep alone, all directions free
+constexpr float kKnownHere_m = 0.03F;       // in a window of its own round the prediction
 constexpr float kKnown_rad = 0.004F;
 constexpr float kView_m = 9.0F;             // within which the old map is held against the sweep
 constexpr std::int32_t kConfirmations = 3;  // of a place near the prediction
-constexpr std::int32_t kConfirmationsFar = 6;
 constexpr float kFurther_m = 0.25F;         // between sweeps that confirm
 constexpr float kFurther_rad = 0.25F;
 constexpr std::uint32_t kFurtherSteps = 20;
@@ -57,14 +58,27 @@ bool PlaceSearch::worth_it(const Keyframes& frames) const {
     return false;
 }
 
+void PlaceSearch::next_spot() {
+    spot_ = anywhere_ ? kSpots.size() : spot_ + 1;
+    if (spot_ < kSpots.size()) { return; }
+    spot_ = 0;
+    ++cursor_;
+}
+
 bool PlaceSearch::next_centre(const Keyframes& frames) {
-    for (; cursor_ < frames.size(); ++cursor_) {
-        if (!candidate(frames, cursor_)) { continue; }
+    for (; cursor_ < frames.size(); next_spot()) {
+        if (!candidate(frames, cursor_)) {
+            spot_ = kSpots.size() - 1;
+            continue;
+        }
         const float grown_m = std::sqrt(std::max(0.0F, doubt_.m2 - frames.doubt(cursor_).m2));
         const float grown_rad = std::sqrt(std::max(0.0F, doubt_.rad2 - frames.doubt(cursor_).rad2));
         half_rad_ = anywhere_ ? kSlice_rad : std::clamp(kSigmas * grown_rad, kYawLeast_rad, kSlice_rad);
         here_ = !anywhere_ && kSigmas * grown_m < kNarrow_m;
-        const Pose2<Map, Body>& at = here_ ? pose_ : frames.pose(cursor_);
+        // Beside the way, too: where the true place is not looked for, another one is alone.
+        Pose2<Map, Body> at = here_ ? pose_ : frames.pose(cursor_);
+        at.x_m += kBeside_m * kSpots[spot_][0];
+        at.y_m += kBeside_m * kSpots[spot_][1];
         bool done = centres_.full();
         for (const Point2<Map>& centre : centres_) { done = done || std::hypot(centre.x_m - at.x_m, centre.y_m - at.y_m) < kApart_m; }
         if (done) { continue; }
@@ -113,14 +127,15 @@ void PlaceSearch::search_slice(const Keyframes& frames) {
         if (!found.match.valid) { continue; }
         // In a corridor, or a round room, a sweep agrees wherever it is pushed, or turned.
         Matrix<float, 3, 3> left;
-        if (!invert(found.match.lambda, left) || !(left(0, 0) + left(1, 1) < kKnown_m * kKnown_m) || !(left(2, 2) < kKnown_rad * kKnown_rad)) { continue; }
+        const float known_m = here_ ? kKnownHere_m : kKnown_m;
+        if (!invert(found.match.lambda, left) || !(left(0, 0) + left(1, 1) < known_m * known_m) || !(left(2, 2) < kKnown_rad * kKnown_rad)) { continue; }
         // Near the prediction is likelier.
         const float far2 = anywhere_ ? 0.0F : std::pow(distance_m(found.pose, pose_), 2.0F) / std::max(1e-4F, doubt_.m2 - frames.doubt(cursor_).m2);
         note({found.pose, found.share - map_.passed_through(shape_, found.pose, kView_m) - kFarCost * far2, cursor_});
     }
     if (++slice_ >= (anywhere_ ? kSlices : 1)) {
         slice_ = -1;
-        ++cursor_;
+        next_spot();
         if (here_) { cursor_ = frames.size(); }
     }
 }
@@ -129,7 +144,7 @@ void PlaceSearch::decide(const Keyframes& frames) {
     phase_ = Phase::idle;
     wait_ = kPause;
     if (best_.share < parameters_.close_share || best_.frame >= frames.size()) { return; }
-    if (second_.share > best_.share - kMargin) {
+    if (second_.share > best_.share - parameters_.close_margin) {
         ++counters_.ambiguous;
         return;
     }
@@ -163,7 +178,7 @@ bool PlaceSearch::confirm(const Keyframes& frames, const ScanShape& shape, const
     }
     correction_ = found.pose * pose.inverse();
     confirmed_at_ = pose;
-    if (++confirmed_ < (here_ ? kConfirmations : kConfirmationsFar)) { return false; }
+    if (++confirmed_ < (here_ ? kConfirmations : parameters_.close_confirm)) { return false; }
     ++counters_.found;
     phase_ = Phase::idle;
     wait_ = kPause;
@@ -201,6 +216,7 @@ bool PlaceSearch::step(const Keyframes& frames, const ScanShape& shape, const Po
     phase_ = Phase::searching;
     shape_ = shape;
     cursor_ = 0;
+    spot_ = 0;
     slice_ = -1;
     centres_.clear();
     best_ = Hit{};

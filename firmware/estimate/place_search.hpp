@@ -53,6 +53,7 @@ private:
 
     [[nodiscard]] bool candidate(const Keyframes& frames, std::size_t i) const;
     [[nodiscard]] bool worth_it(const Keyframes& frames) const;
+    void next_spot();
     [[nodiscard]] bool next_centre(const Keyframes& frames);
     void search_slice(const Keyframes& frames);
     void decide(const Keyframes& frames);
@@ -71,6 +72,7 @@ private:
     Pose2<Map, Body> pose_;
     FrameDoubt doubt_;
     std::size_t cursor_ = 0;
+    std::size_t spot_ = 0;             ///< at and beside that keyframe
     std::int32_t slice_ = 0;
     Pose2<Map, Body> centre_;
     float half_m_ = 0.0F;

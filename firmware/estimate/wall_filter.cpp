@@ -120,6 +120,7 @@ void WallFilter::start(const Pose2<Map, Body>& pose) {
 
 void WallFilter::predict(const MotionIncrement& motion) {
     motion_covariance_ = motion.covariance;
+    step_m_ = std::hypot(motion.dx_m, motion.dy_m);
     motion_covariance_(0, 0) += parameters_.motion_floor_m * parameters_.motion_floor_m;
     motion_covariance_(1, 1) += parameters_.motion_floor_m * parameters_.motion_floor_m;
     motion_covariance_(2, 2) += parameters_.motion_floor_rad * parameters_.motion_floor_rad;

@@ -165,6 +165,7 @@ private:
     Matrix<float, 3, 3> widening_;              ///< frame Map, see MotionIncrement::pose_covariance
     Matrix<float, 3, 3> predicted_covariance_;  ///< at most kSearchable_m2 wider than the particles show
     Matrix<float, 3, 3> whole_covariance_;      ///< the same without that limit
+    float step_m_ = 0.0F;                       ///< length of the last predicted motion
     Matrix<float, 3, 3> map_drift_;             ///< of the best particle after the last update
     std::array<float, kBearingBins> farthest_m_{};
     float range_max_m_ = 0.0F;

@@ -17,6 +17,7 @@ constexpr float kMergeShare = 0.5F;         // of the floors that association fo
 constexpr float kMergeDirection = 0.998F;   // cosine of 3.6 degrees
 constexpr float kMergeOverlap_m = 0.2F;
 constexpr float kWholeWall_m = 1.0F;
+constexpr float kSlip_m = 0.005F;           // along walls, in a metre, where no wall across is in view (docs/maths/localisation.md#drift)
 constexpr std::int16_t kFleeting = 5;       // sweeps below which a wall is not kept over a loss
 
 }  // namespace
@@ -78,8 +79,8 @@ Matrix<float, 3, 3> WallFilter::drift_of(const Particle& particle, const std::ar
     if (first == nullptr) { return map_drift_; }
     const float c = first->cos_beta;
     const float s = first->sin_beta;
-    // Along the first wall: the wall that says most about that direction, or what was believed before.
-    float second_m2 = s * s * map_drift_(0, 0) - 2.0F * c * s * map_drift_(0, 1) + c * c * map_drift_(1, 1);
+    // Along the first wall: the wall that says most about that direction, or what was believed before and what points let slip since.
+    float second_m2 = s * s * map_drift_(0, 0) - 2.0F * c * s * map_drift_(0, 1) + c * c * map_drift_(1, 1) + kSlip_m * kSlip_m * step_m_;
     float best_m2 = -1.0F;
     for (std::size_t j = 0; j < walls; ++j) {
         if (assigned[j].landmark < 0) { continue; }

@@ -9,7 +9,7 @@ from __future__ import annotations
 import bisect
 import math
 import zlib
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -347,45 +347,87 @@ class RelationErrors:
 
 
 SAME_SWEEP_S = 0.10          # a relation's time within this of a sweep's means that sweep
+CLOCK_MOST_S, CLOCK_STEP_S = 0.20, 0.01
+CLOCK_TRIED_WITH = 600       # relations
+POINT_SCATTER_M = 0.03       # of a relation; those far beyond say nothing of the point
+POINT_USUAL_M = 0.3
 
 
-def clock_of_stamps(t_s: np.ndarray, relations: np.ndarray) -> tuple[float, float]:
-    """The log's clock less that of the relations, from the stamps alone, and how far they then lie apart in the mean [s].
+@dataclass(frozen=True)
+class Convention:
+    """How a file of relations tells poses: on which clock, of sweeps or of times between, of which point of the robot."""
 
-    Relations are told between sweeps. Where both logs were stamped by different clocks their times lie beside the sweeps' by a
-    constant; of all within 0.15 s (a longer one would name the next sweep) the one is taken that brings them nearest.
-    No pose is looked at.
+    clock_s: float = 0.0          # the log's clock less that of the relations
+    same_sweep_s: float = 0.0     # a time within this of a sweep's means that sweep, not a place between sweeps
+    x_m: float = 0.0              # the point, in Body
+    y_m: float = 0.0
+
+    def text(self) -> str:
+        """For a terminal."""
+        return (f"clock {self.clock_s:+.2f} s, {'poses of sweeps' if self.same_sweep_s else 'poses of any time'}, "
+                f"{1e3 * self.x_m:.0f} mm before and {1e3 * self.y_m:.0f} mm left of the robot's point")
+
+
+def calibrate(log: Log, t_s: np.ndarray, poses: np.ndarray, relations: np.ndarray) -> Convention:
+    """The convention that brings a trajectory nearest to relations: clock and kind from the rotations, point from the translations.
+
+    As with any two instruments, what was measured by one in its own frame and on its own clock has to be brought to the other's.
+    Judge by relations that were not given to this.
     """
-    times = np.unique(relations[:, :2])
-    times = times[(times >= t_s[0]) & (times <= t_s[-1])]
+    some = relations[:: max(1, len(relations) // CLOCK_TRIED_WITH)]
+    steps = round(CLOCK_MOST_S / CLOCK_STEP_S)
+    clocks = sorted((round(k * CLOCK_STEP_S, 3) for k in range(-steps, steps + 1)), key=abs)
+    tried = [Convention(clock_s, same_s) for same_s in (0.0, SAME_SWEEP_S) for clock_s in clocks]
 
-    def apart(clock_s):
-        at = times + clock_s
-        i = np.clip(np.searchsorted(t_s, at), 1, len(t_s) - 1)
-        return float(np.minimum(np.minimum(np.abs(t_s[i] - at), np.abs(at - t_s[i - 1])), SAME_SWEEP_S).mean())
+    def turned_off(convention: Convention) -> float:
+        rotation_rad = relation_errors(log, t_s, poses, some, convention).rotation_rad
+        return float(rotation_rad.mean()) if len(rotation_rad) else math.inf
 
-    tried = np.round(np.arange(-0.15, 0.1501, 0.01), 3)
-    best = min(tried, key=lambda c: (round(apart(c), 6), abs(c)))
-    return float(best), apart(best)
+    best = min(tried, key=turned_off)
+    # (R(turn) - I) point = told - seen, with a robust weight.
+    rows, values = [], []
+    for t1, t2, *told in relations:
+        a, b = _told_at(log, t_s, poses, t1, best), _told_at(log, t_s, poses, t2, best)
+        if a is None or b is None:
+            continue
+        seen = between(a, b)
+        c, s = math.cos(seen[2]) - 1.0, math.sin(seen[2])
+        rows += [(c, -s), (s, c)]
+        values += [told[0] - seen[0], told[1] - seen[1]]
+    prior = POINT_SCATTER_M / POINT_USUAL_M
+    matrix, value = np.array([*rows, (prior, 0.0), (0.0, prior)]), np.array([*values, 0.0, 0.0])
+    point = np.zeros(2)
+    for _ in range(10):
+        root = 1.0 / np.sqrt(1.0 + ((value - matrix @ point) / POINT_SCATTER_M) ** 2)
+        point = np.linalg.lstsq(matrix * root[:, None], value * root, rcond=None)[0]
+    return replace(best, x_m=float(point[0]), y_m=float(point[1]))
 
 
-def relation_errors(log: Log, t_s: np.ndarray, poses: np.ndarray, relations: np.ndarray, clock_s: float = 0.0,
-                    same_sweep_s: float = 0.0) -> RelationErrors:
+def _told_at(log: Log, t_s: np.ndarray, poses: np.ndarray, time_s: float, convention: Convention) -> tuple | None:
+    """Pose at a relation's time; None: outside the log."""
+    time_s += convention.clock_s
+    k = int(np.argmin(np.abs(t_s - time_s)))
+    pose = tuple(poses[k]) if abs(t_s[k] - time_s) <= convention.same_sweep_s else pose_at(log, t_s, poses, time_s)
+    return None if pose is None else compose(pose, (convention.x_m, convention.y_m, 0.0))
+
+
+def calibrated_errors(log: Log, t_s: np.ndarray, poses: np.ndarray, relations: np.ndarray) -> tuple[Convention, RelationErrors]:
+    """The convention found on every second relation, and the errors at the others."""
+    convention = calibrate(log, t_s, poses, relations[::2])
+    return convention, relation_errors(log, t_s, poses, relations[1::2], convention)
+
+
+def relation_errors(log: Log, t_s: np.ndarray, poses: np.ndarray, relations: np.ndarray, convention: Convention = Convention()) -> RelationErrors:
     """Kuemmerle's errors: how far the relative pose of each pair lies from the relation, translation and rotation apart.
 
     Args:
         t_s, poses: (N,) and (N, 3), the trajectory at the log's sweeps.
         relations: (M, 5) of read_relations.
-        clock_s: the log's clock less that of the relations.
-        same_sweep_s: a time within this of a sweep's means that sweep, not a place between sweeps.
+        convention: how the relations tell poses.
     """
-    def at(time_s):
-        k = int(np.argmin(np.abs(t_s - time_s)))
-        return tuple(poses[k]) if abs(t_s[k] - time_s) <= same_sweep_s else pose_at(log, t_s, poses, time_s)
-
     translation, rotation, unused = [], [], 0
     for t1, t2, *truth in relations:
-        a, b = at(t1 + clock_s), at(t2 + clock_s)
+        a, b = _told_at(log, t_s, poses, t1, convention), _told_at(log, t_s, poses, t2, convention)
         if a is None or b is None:
             unused += 1
             continue

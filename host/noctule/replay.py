@@ -335,7 +335,10 @@ def run_carmen(path: Path, out: Path, changed: dict[str, float], relations: Path
     print(f"{wall_s:.1f} s in all; steps that said lost: {lost}; counters: "
           + ", ".join(f"{name} {value}" for name, value in track.counters.items() if value) )
     if truth is not None:
-        print(carmen.relation_errors(log, track.t_s, track.poses, truth).text())
+        print("as they stand, " + carmen.relation_errors(log, track.t_s, track.poses, truth).text())
+        if len(truth) > 1:
+            convention, errors = carmen.calibrated_errors(log, track.t_s, track.poses, truth)
+            print(f"{convention.text()} (found on every second one), the others: {errors.text()}")
     print(f"{out / 'trajectory.txt'}, {out / 'trajectory.tum'}" + (f", {out / 'map.png'}, {out / 'map.pgm'}, {out / 'map.yaml'}" if has_map else ""))
     return 0
 

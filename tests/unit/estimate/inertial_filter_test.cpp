@@ -39,6 +39,7 @@ void covariance_matches_sampled_spread() {
     Parameters parameters;
     parameters.accel_noise_m_s2 = 1e-4F;
     parameters.accel_bias_walk_m_s2 = 0.0F;
+    parameters.accel_tilt_m_s2 = 0.0F;
     parameters.gyro_noise_rad_s = 1e-5F;
     parameters.gyro_bias_walk_rad_s = 0.0F;
     F filter(parameters);
@@ -66,6 +67,32 @@ void covariance_matches_sampled_spread() {
     TEST_ASSERT_DOUBLE_WITHIN(0.08, 1.0, xx / kSamples / filter.covariance()(F::kX, F::kX));
     TEST_ASSERT_DOUBLE_WITHIN(0.08, 1.0, yy / kSamples / filter.covariance()(F::kY, F::kY));
     TEST_ASSERT_DOUBLE_WITHIN(0.08, 1.0, yawyaw / kSamples / filter.covariance()(F::kYaw, F::kYaw));
+}
+
+void a_tilt_error_fades_in_mean_and_keeps_its_spread() {
+    // Velocity from an error that fades in T with spread s, told by nothing: 2 s^2 T^2 (t/T - 1 + exp(-t/T)).
+    Parameters parameters;
+    parameters.accel_noise_m_s2 = 1e-4F;
+    parameters.accel_bias_walk_m_s2 = 0.0F;
+    parameters.accel_bias_start_m_s2 = 0.0F;
+    parameters.gyro_noise_rad_s = 1e-5F;
+    parameters.gyro_bias_start_rad_s = 0.0F;
+    parameters.accel_tilt_m_s2 = 0.05F;
+    parameters.accel_tilt_s = 2.0F;
+    F filter(parameters);
+    for (int i = 0; i < 2000; ++i) { filter.predict(at_rest(), 0.01); }
+    const double told = 2.0 * 0.05 * 0.05 * 4.0 * (10.0 - 1.0 + std::exp(-10.0));
+    TEST_ASSERT_DOUBLE_WITHIN(0.01, 1.0, (filter.covariance()(F::kVx, F::kVx) - 0.05 * 0.05) / told);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-5, 0.05 * 0.05, filter.covariance()(F::kTiltX, F::kTiltX));
+    // What a fix says of acceleration is the tilt's to the most part, and half of it is gone after T ln 2.
+    LaserInformation laser;
+    laser.lambda(0, 0) = 1e6;
+    laser.b(0, 0) = 1e6 * 0.5;
+    filter.correct(laser);
+    const double tilt = filter.state()(F::kTiltX, 0);
+    TEST_ASSERT_TRUE(std::abs(tilt) > 1e-4);
+    for (int i = 0; i < 139; ++i) { filter.predict(at_rest(), 0.01); }
+    TEST_ASSERT_DOUBLE_WITHIN(0.01, 0.5, filter.state()(F::kTiltX, 0) / tilt);
 }
 
 void increment_is_seen_from_the_body_and_forgets_the_pose_before() {
@@ -166,6 +193,7 @@ int main() {
     UNITY_BEGIN();
     RUN_TEST(follows_a_known_acceleration_through_a_tilt);
     RUN_TEST(covariance_matches_sampled_spread);
+    RUN_TEST(a_tilt_error_fades_in_mean_and_keeps_its_spread);
     RUN_TEST(increment_is_seen_from_the_body_and_forgets_the_pose_before);
     RUN_TEST(a_direction_the_laser_does_not_see_keeps_its_doubt);
     RUN_TEST(information_form_equals_the_kalman_gain);
