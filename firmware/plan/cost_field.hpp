@@ -71,6 +71,10 @@ class CostField {
 public:
     static constexpr std::uint32_t kUnit = 64;
     static constexpr std::uint32_t kFar = std::numeric_limits<std::uint32_t>::max();
+    /// A cost as way at full speed [m]; 10 km for what is not reached.
+    [[nodiscard]] static float metres(const std::uint32_t cost, const float cell_m) {
+        return cost == kFar ? 1e4F : static_cast<float>(cost) / static_cast<float>(kUnit) * cell_m;
+    }
 
     /// Starts a new field from a cell. Costs of the field before become unreachable at once (they carry its number).
     /// Cells within `free_radius` cells of the root may be tight and still lead on.

@@ -136,8 +136,9 @@ void Explorer::take(const OccupancyGrid& grid, const PolicyAnswer& answer) {
     if (goal_.valid && moved && answer.path == nullptr) {
         const float known_m2 = grid.known_area_m2();
         const Past& before = left_;
+        // Seen, its cell may flicker back; looked at in vain, it is known that nothing shows from there: neither is a change of mind.
         const bool open = FrontierSearch::is_frontier(grid, grid.find(goal_.answer.look_x_m, goal_.answer.look_y_m)) && fate_ == GoalFate::under_way &&
-                          !goal_.answer.seen;   // seen, its cell may flicker back: that is no change of mind
+                          !goal_.answer.seen && survey_.tried().tries(goal_.answer.look_x_m, goal_.answer.look_y_m) == goal_.tries;
         // Back to the goal left last, from one that is still open as well, with nothing learned in between.
         if (before.known_m2 >= 0.0F && before.open && open && known_m2 - before.known_m2 < kNewsM2 &&
             std::hypot(answer.look_x_m - before.x_m, answer.look_y_m - before.y_m) < kSameGoalM) {
@@ -148,6 +149,7 @@ void Explorer::take(const OccupancyGrid& grid, const PolicyAnswer& answer) {
     ++goals_;
     goal_.valid = true;
     goal_.to_place = false;
+    goal_.tries = survey_.tried().tries(answer.look_x_m, answer.look_y_m);
     goal_.x_m = answer.x_m;
     goal_.y_m = answer.y_m;
     field_due_ = answer.path == nullptr;

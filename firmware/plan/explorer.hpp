@@ -82,6 +82,7 @@ private:
         bool valid = false;
         bool to_place = false;    ///< a given place, not a look into the unknown
         PolicyAnswer answer;
+        std::int32_t tries = 0;   ///< looks in vain when it was taken
         float x_m = 0.0F;
         float y_m = 0.0F;
     };

@@ -204,9 +204,10 @@ bool FrontierSearch::view(const OccupancyGrid& grid, const Traversability& where
     const float step_m = g.cell_m();
     const float beyond = tries > 0 || round == Round::edge ? kFarBeyondCells : kBeyondCells;
     Reader reader{grid};
+    const float near_m = reveals_m2(p_, best) < rule.small_m2 ? rule.near_small_m : rule.near_m;
     const auto score_of = [&](const CellId id, const std::uint32_t cost, const float away_m) {
         return static_cast<float>(cost) / static_cast<float>(CostField::kUnit) * step_m + rule.distance_cost * away_m +
-               rule.tight_cost * (where.slowness(id) - 1.0F) + (rule.near_m > 0.0F && away_m > rule.near_m ? kFarM : 0.0F);
+               rule.tight_cost * (where.slowness(id) - 1.0F) + (near_m > 0.0F && away_m > near_m ? kFarM : 0.0F);
     };
     float best_score = best.view == kNoCell ? 1e9F : score_of(best.view, best.cost, std::hypot(best.view_x_m - best.x_m, best.view_y_m - best.y_m));
     bool found = false;

@@ -4,6 +4,7 @@
 /// A group that no reachable place can look into is a sliver and is left out. Frame Map. No heap.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
 
@@ -41,12 +42,21 @@ struct Frontier {
     std::int32_t behind = 0;  ///< unknown cells that hang together behind it, within kBehindCells of its middle
 };
 
+/// What a stop will reveal [m^2]: all that is unknown behind it, but a pocket is not much deeper than its mouth is wide.
+[[nodiscard]] inline float reveals_m2(const Parameters& p, const Frontier& f) {
+    constexpr float kDepth = 2.0F;   // area of a pocket over the square of its mouth
+    const float mouth_m = p.grid_cell_m * static_cast<float>(f.cells);
+    return std::min(p.grid_cell_m * p.grid_cell_m * static_cast<float>(f.behind), kDepth * mouth_m * mouth_m);
+}
+
 /// What makes a good viewpoint, and which groups are looked for.
 struct ViewRule {
     float distance_cost = 0.6F;   ///< metres of way that a metre less of viewing distance is worth
     float tight_cost = 1.2F;      ///< metres of way that a viewpoint with room round it is worth, times its slowness over one
     float sight_m = 0.0F;         ///< distance from which a group counts as seen for the order; 0: that of the viewpoint
     float near_m = 0.0F;          ///< over 0: a viewpoint farther than this only where there is none nearer
+    float small_m2 = 0.0F;        ///< a group that may reveal less than this leads nowhere: near_small_m holds for it
+    float near_small_m = 0.0F;
     bool camera = false;          ///< patches of floor that the camera has not seen are looked for, too
     bool soundings = false;       ///< places to pass in search of openings are looked for, too
     std::int32_t behind_min = 0;  ///< groups with fewer unknown cells behind them are left out

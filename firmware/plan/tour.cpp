@@ -8,6 +8,7 @@ namespace {
 
 constexpr float kLeastGainM = 0.01F;
 constexpr std::size_t kPolished = 10;    ///< stops from the beginning on that are ordered by the weighted length
+constexpr float kMostAside = 0.5F;       ///< of all that is left: what comes last is toured as well
 constexpr std::size_t kLongestRun = 3;   ///< stops that Or-opt moves at once
 
 }  // namespace
@@ -15,18 +16,9 @@ constexpr std::size_t kLongestRun = 3;   ///< stops that Or-opt moves at once
 void Tour::begin(const std::size_t stops) {
     stops_ = std::min(stops, kMaxStops - 1U);
     gain_.fill(0.0F);
-    weigh(0.0F, 1.0F, 0.0F);
+    aside_.fill(false);
+    hurry_ = 0.0F;
     for (auto& row : distance_) { row.fill(0.0F); }
-}
-
-void Tour::weigh(const float hurry, const float tail, const float tail_m2) {
-    hurry_ = hurry;
-    tail_ = tail;
-    tail_m2_ = tail_m2;
-}
-
-float Tour::weight(const float left_m2, const float all_m2) const {
-    return left_m2 <= tail_m2_ ? tail_ : 1.0F + hurry_ * left_m2 / std::max(all_m2, 1e-3F);
 }
 
 float Tour::length_m(const Order& order) const {
@@ -35,14 +27,39 @@ float Tour::length_m(const Order& order) const {
     float left_m2 = all_m2;
     float sum = 0.0F;
     for (std::size_t k = 0; k < order.size(); ++k) {
-        sum += step(order, k) * weight(left_m2, all_m2);
+        sum += step(order, k) * (1.0F + hurry_ * left_m2 / std::max(all_m2, 1e-3F));
         left_m2 -= gain_[order[k]];
     }
     return sum;
 }
 
+void Tour::set_aside(Order& order, float m2, const std::uint8_t kept) {
+    float all_m2 = 0.0F;
+    for (const std::uint8_t s : order) { all_m2 += gain_[s]; }
+    m2 = std::min(m2, kMostAside * all_m2);
+    for (;;) {
+        std::size_t worst = order.size();
+        float worst_m_m2 = 0.0F;
+        for (std::size_t k = 0; k < order.size(); ++k) {
+            const std::uint8_t s = order[k];
+            if (s == kept || gain_[s] <= 0.0F || gain_[s] > m2) { continue; }
+            float saved_m = step(order, k);
+            if (k + 1U < order.size()) { saved_m += step(order, k + 1U) - distance_[k == 0 ? 0 : order[k - 1U]][order[k + 1U]]; }
+            if (saved_m > worst_m_m2 * gain_[s]) {
+                worst_m_m2 = saved_m / gain_[s];
+                worst = k;
+            }
+        }
+        if (worst == order.size()) { return; }
+        m2 -= gain_[order[worst]];
+        aside_[order[worst]] = true;
+        std::rotate(order.begin() + worst, order.begin() + worst + 1U, order.end());
+        order.keep_front(order.size() - 1U);
+    }
+}
+
 void Tour::insert_missing(Order& order, const std::size_t fixed) const {
-    std::array<bool, kMaxStops> in{};
+    std::array<bool, kMaxStops> in = aside_;
     for (const std::uint8_t stop : order) { in[stop] = true; }
     for (;;) {
         float best = 1e30F;
@@ -143,7 +160,7 @@ float Tour::improve(Order& order, const std::uint8_t first) const {
 
 // The first stops once more, by the weighted length: turned round or moved as long as that helps.
 void Tour::polish(Order& order, const std::size_t fixed) const {
-    if (hurry_ == 0.0F && tail_ == 1.0F) { return; }
+    if (hurry_ == 0.0F) { return; }
     const std::size_t n = std::min(order.size(), kPolished);
     float best = length_m(order);
     const auto better = [&](const Order& tried) {

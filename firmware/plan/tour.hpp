@@ -24,8 +24,12 @@ public:
     void set(const std::size_t a, const std::size_t b, const float metres) { distance_[a][b] = metres; }
     /// What the stop will reveal [m^2].
     void set_gain(const std::size_t stop, const float m2) { gain_[stop] = m2; }
-    /// How a way counts by what is still to be revealed at its beginning: 1 + hurry x its share of all, and `tail` once less than tail_m2 is left.
-    void weigh(float hurry, float tail, float tail_m2);
+    /// Takes those stops out of the order whose detours cost most for what they reveal, as long as together they reveal no more than m2 and half
+    /// of all; they are no longer part of the tour. Never the stop `kept`, nor one without gain.
+    void set_aside(Order& order, float m2, std::uint8_t kept);
+    [[nodiscard]] bool aside(const std::size_t stop) const { return aside_[stop]; }
+    /// How a way counts by what is still to be revealed at its beginning: 1 + hurry x its share of all.
+    void weigh(const float hurry) { hurry_ = hurry; }
     [[nodiscard]] std::size_t stops() const { return stops_; }
 
     /// Length of an order, its ways weighed [m].
@@ -38,16 +42,14 @@ private:
     static constexpr int kRounds = 60;
     void insert_missing(Order& order, std::size_t fixed) const;
     void polish(Order& order, std::size_t fixed) const;
-    [[nodiscard]] float weight(float left_m2, float all_m2) const;
     bool reverse_once(Order& order, std::size_t fixed) const;
     bool move_once(Order& order, std::size_t fixed) const;
     [[nodiscard]] float step(const Order& o, const std::size_t k) const { return distance_[k == 0 ? 0 : o[k - 1]][o[k]]; }
 
     std::array<std::array<float, kMaxStops>, kMaxStops> distance_{};
     std::array<float, kMaxStops> gain_{};
+    std::array<bool, kMaxStops> aside_{};
     float hurry_ = 0.0F;
-    float tail_ = 1.0F;
-    float tail_m2_ = 0.0F;
     std::size_t stops_ = 0;
 };
 

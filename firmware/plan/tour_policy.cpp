@@ -18,22 +18,12 @@ constexpr float kArrivedM = 0.15F;
 constexpr float kThereM = 0.08F;              ///< the same after a look in vain
 constexpr float kInSightRad = 2.0F;           ///< off the heading, what the laser is sure to see (270 degrees)
 constexpr float kCameraShare = 0.4F;          ///< of its field of view, to either side, what the camera is sure to see
-constexpr float kNewsM2 = 1.0F;               ///< area that must have become known before a goal that was left is taken again
-constexpr float kDepth = 2.0F;                ///< area of a pocket over the square of its mouth
 constexpr float kPassedM = 0.45F;             ///< from the middle of a patch to be passed
 constexpr float kBetterViewM = 0.3F;
 
-float metres(const MapView& map, const std::uint32_t cost) {
-    return cost == CostField::kFar ? 1e4F : static_cast<float>(cost) / static_cast<float>(CostField::kUnit) * map.grid.geometry().cell_m();
-}
+float metres(const MapView& map, const std::uint32_t cost) { return CostField::metres(cost, map.grid.geometry().cell_m()); }
 
 float apart(const Frontier& a, const Frontier& b) { return std::hypot(a.x_m - b.x_m, a.y_m - b.y_m); }
-
-// What a stop will reveal: all that is unknown behind it, but a pocket is not much deeper than its mouth is wide.
-float reveals_m2(const Frontier& f) {
-    const float mouth_m = 0.1F * static_cast<float>(f.cells);
-    return std::min(0.01F * static_cast<float>(f.behind), kDepth * mouth_m * mouth_m);
-}
 
 float viewing_distance(const Frontier& f) { return std::hypot(f.view_x_m - f.x_m, f.view_y_m - f.y_m); }
 
@@ -47,7 +37,8 @@ void TourPolicy::begin(const Pose2<Map, Body>& home) {
     phase_ = Phase::survey;
     dwell_since_us_ = -1;
     empty_passes_ = 0;
-    left_ = seen_ = {};
+    left_.clear();
+    seen_.clear();
     from_us_ = -1;
     vx_m_s_ = vy_m_s_ = 0.0F;
     counters_ = {};
@@ -58,6 +49,8 @@ ViewRule TourPolicy::rule() const {
     rule.distance_cost = p_.view_distance_cost;
     rule.tight_cost = p_.view_tight_m;
     rule.near_m = p_.view_near_m;
+    rule.near_small_m = p_.view_near_small_m;
+    rule.small_m2 = p_.view_small_m2;
     rule.sight_m = p_.view_sight_m;
     rule.behind_min = p_.reveal_min_cells;
     rule.camera = p_.camera_weight > 0.0F;
@@ -198,28 +191,14 @@ void TourPolicy::gather_stops(const MapView& map) {
             static_cast<void>(stops_.push(f));
         }
     }
-    // When hardly anything is left, a pocket must be worth its way.
-    float left_m2 = 0.0F;
-    for (const Frontier& f : stops_) { left_m2 += reveals_m2(f); }
-    if (left_m2 > p_.tour_tail_share * map.grid.known_area_m2()) { return; }
-    const auto kept = std::remove_if(stops_.begin(), stops_.end(), [&](const Frontier& f) {
-        return !f.sounding && !f.camera && reveals_m2(f) < p_.tour_worth_m * metres(map, f.sight_cost);
-    });
-    stops_.keep_front(static_cast<std::size_t>(kept - stops_.begin()));
-}
-
-// True: going there now would undo the last change of mind although nothing has been learned since.
-bool TourPolicy::came_from(const MapView& map, const Frontier& front) const {
-    const float known_m2 = map.grid.known_area_m2();
-    const auto same = [&](const Left& left) { return left.known_m2 >= 0.0F && apart(left.goal, front) < 2.0F * kSameGoalM && known_m2 - left.known_m2 < kNewsM2; };
-    return same(left_) || same(seen_);
+    keep_worthwhile(p_, map.grid.known_area_m2(), stops_);
 }
 
 void TourPolicy::decide(const MapView& map) {
     const std::size_t n = stops_.size();
     if (answer_.valid && answer_.seen) {
         answer_.valid = false;
-        seen_ = {goal_, map.grid.known_area_m2()};   // an edge that flickers back into view is no reason to turn round
+        seen_.set(goal_.x_m, goal_.y_m, map.grid.known_area_m2());   // an edge that flickers back into view is no reason to turn round
     }
     if (n == 0U) {
         last_tour_.clear();
@@ -247,13 +226,13 @@ void TourPolicy::decide(const MapView& map) {
             }
             tour_.set(a + 1U, b + 1U, way_m);
         }
-        tour_.set_gain(a + 1U, reveals_m2(stops_[a]));
+        tour_.set_gain(a + 1U, reveals_m2(p_, stops_[a]));
         if (answer_.valid && apart(stops_[a], goal_) < same_m) {
             same_m = apart(stops_[a], goal_);
             same = static_cast<std::uint8_t>(a + 1U);
         }
     }
-    tour_.weigh(p_.tour_hurry, p_.tour_tail, p_.tour_tail_share * map.grid.known_area_m2());
+    tour_.weigh(p_.tour_hurry);
     // Warm start: the order of the last tour.
     Tour::Order order;
     std::array<bool, kMaxStops> in{};
@@ -266,25 +245,28 @@ void TourPolicy::decide(const MapView& map) {
         }
     }
     Tour::Order cold;
-    float best_m = tour_.improve(order, Tour::kAny);
-    const float cold_m = tour_.improve(cold, Tour::kAny);
-    if (cold_m + 0.05F < best_m) {
-        order = cold;
-        best_m = cold_m;
-    }
+    const float warm_m = tour_.improve(order, Tour::kAny);
+    if (tour_.improve(cold, Tour::kAny) + 0.05F < warm_m) { order = cold; }
+    tour_.set_aside(order, p_.tour_aside_share * map.grid.known_area_m2(), same);
+    const float best_m = tour_.improve(order, Tour::kAny);
     if (answer_.valid) {
         if (same == Tour::kAny) {
             if (map.survey.costs().cost(answer_.cell) == CostField::kFar) { answer_.valid = false; }
         } else if (order[0] != same) {
             Tour::Order kept = order;
             const float kept_m = tour_.improve(kept, same);
-            if (best_m + p_.goal_switch_m >= kept_m || came_from(map, stops_[order[0] - 1U])) {
+            const Frontier& other = stops_[order[0] - 1U];
+            const float known_m2 = map.grid.known_area_m2();
+            if (best_m + p_.goal_switch_m >= kept_m || left_.undone_by(other.x_m, other.y_m, known_m2) || seen_.undone_by(other.x_m, other.y_m, known_m2)) {
                 order = kept;
             }
         }
     }
     last_tour_.clear();
     for (const std::uint8_t stop : order) { static_cast<void>(last_tour_.push(stops_[stop - 1U])); }
+    for (std::size_t a = 0; a < n; ++a) {
+        if (tour_.aside(a + 1U)) { static_cast<void>(last_tour_.push(stops_[a])); }
+    }
     if (!answer_.valid) {
         set_goal(last_tour_[0]);
         return;
@@ -292,7 +274,7 @@ void TourPolicy::decide(const MapView& map) {
     if (same == Tour::kAny) { return; }   // not found again in this pass: flown to as it is
     if (order[0] != same) {
         ++counters_.switches;
-        left_ = {goal_, map.grid.known_area_m2()};
+        left_.set(goal_.x_m, goal_.y_m, map.grid.known_area_m2());
         set_goal(last_tour_[0]);
         return;
     }

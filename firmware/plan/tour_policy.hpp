@@ -10,6 +10,7 @@
 #include "plan/policy.hpp"
 #include "plan/survey.hpp"
 #include "plan/tour.hpp"
+#include "plan/worth.hpp"
 
 namespace noctule {
 
@@ -31,7 +32,6 @@ private:
     void look(const MapView& map, const Pose2<Map, Body>& pose);
     void drop(const MapView& map, bool give_up);
     void set_goal(const Frontier& front);
-    [[nodiscard]] bool came_from(const MapView& map, const Frontier& front) const;
     [[nodiscard]] ViewRule rule() const;
     [[nodiscard]] bool settled(const MapView& map) const;
 
@@ -52,10 +52,8 @@ private:
     std::int64_t from_us_ = -1;
     float vx_m_s_ = 0.0F;                         ///< of the setpoint
     float vy_m_s_ = 0.0F;
-    /// A goal that was flown to, and the area known when it was left; below 0: there is none.
-    struct Left { Frontier goal; float known_m2 = -1.0F; };
-    Left left_;                                   ///< for a better one
-    Left seen_;                                   ///< because it had been seen
+    LeftGoal left_;                               ///< for a better one
+    LeftGoal seen_;                               ///< because it had been seen
 };
 
 }  // namespace noctule

@@ -1,9 +1,12 @@
 // A policy outside: a goal it answers is flown to, nonsense and silence are refused, counted, and do not end the flight.
+#include <algorithm>
 #include <cmath>
 #include <functional>
 #include <iterator>
 #include <limits>
 #include <memory>
+#include <utility>
+#include <vector>
 
 #include "plan/external_policy.hpp"
 #include "unit/plan/closed_world.hpp"
@@ -31,7 +34,11 @@ struct Outside {
     FlatWorld world = room();
     std::unique_ptr<ClosedLoop> loop;
 
-    Outside() {
+    explicit Outside(const bool pillars = false) {
+        if (pillars) {
+            world.add_pillar(-1.5, 1.5, 0.4);
+            world.add_pillar(2.0, -1.2, 0.4);
+        }
         p.policy = static_cast<std::int32_t>(PolicyKind::external);
         p.floors_max = 1;
         loop = std::make_unique<ClosedLoop>(p, world, 3U);
@@ -166,6 +173,59 @@ void one_that_breaks_now_and_then_is_kept() {
     TEST_ASSERT_TRUE(o.loop->length > 8.0);
 }
 
+/// Places at the edge of the unknown.
+std::vector<std::pair<float, float>> edge(const OccupancyGrid& grid) {
+    std::vector<std::pair<float, float>> out;
+    for (CellId id = 0; id < grid.tile_count() * kTileArea; ++id) {
+        if (!FrontierSearch::is_frontier(grid, id)) { continue; }
+        const Cell c = grid.cell(id);
+        out.emplace_back(grid.geometry().centre_x_m(c), grid.geometry().centre_y_m(c));
+    }
+    return out;
+}
+
+// A goal, another one, the first again, all with the same map: that is the oscillation that the count `back_and_forth` is for. With a square
+// metre learned in between it is not.
+void a_change_of_mind_and_back_is_counted_unless_something_was_learned() {
+    const auto move_over = [](Outside& o, const float look_x_m, const float look_y_m) {
+        for (int k = 0; k < 80; ++k) { o.goal(0.0F, 2.0F, look_x_m, look_y_m); }
+    };
+    // Two places at the edge, one behind each pillar, that stay there when the vehicle moves over and sees more of both shadows.
+    Outside first{true};
+    const auto before = edge(first.loop->grid);
+    move_over(first, 2.0F, -3.0F);
+    const auto after = edge(first.loop->grid);
+    std::vector<std::pair<float, float>> stay;
+    for (const auto& at : before) {
+        if (std::find(after.begin(), after.end(), at) != after.end()) { stay.push_back(at); }
+    }
+    TEST_ASSERT_TRUE(stay.size() >= 2U);
+    const auto far = *std::max_element(stay.begin(), stay.end(), [&](const auto& a, const auto& b) {
+        return std::hypot(a.first - stay[0].first, a.second - stay[0].second) < std::hypot(b.first - stay[0].first, b.second - stay[0].second);
+    });
+    const std::pair<float, float> at[2] = {stay[0], far};
+    TEST_ASSERT_TRUE(std::hypot(at[0].first - at[1].first, at[0].second - at[1].second) > 0.6F);
+
+    Outside o{true};
+    const OccupancyGrid& grid = o.loop->grid;
+    const auto look_at = [&](const int k) { o.goal(0.0F, 0.0F, at[k].first, at[k].second); };
+    const auto counted = [&] { return o.loop->mission.explorer().counters().back_and_forth; };
+    const float known_m2 = grid.known_area_m2();
+    look_at(0);
+    look_at(1);
+    TEST_ASSERT_EQUAL_UINT32(0U, counted());
+    look_at(0);
+    TEST_ASSERT_EQUAL_UINT32(1U, counted());
+    look_at(0);
+    TEST_ASSERT_EQUAL_UINT32(1U, counted());
+    TEST_ASSERT_TRUE(grid.known_area_m2() - known_m2 < 1.0F);
+    move_over(o, at[0].first, at[0].second);
+    TEST_ASSERT_TRUE(grid.known_area_m2() - known_m2 > 1.0F);
+    TEST_ASSERT_TRUE(FrontierSearch::is_frontier(grid, grid.find(at[0].first, at[0].second)));
+    look_at(1);
+    TEST_ASSERT_EQUAL_UINT32(1U, counted());
+}
+
 void the_end_of_the_exploration_is_its_to_say() {
     Outside o;
     o.answer({0, 0, GoalSample::Kind::finished, 0.0F, 0.0F, 0.0F, 0.0F});
@@ -185,6 +245,7 @@ int main() {
     RUN_TEST(one_that_says_nothing_is_given_up);
     RUN_TEST(one_that_never_leaves_its_place_is_given_up);
     RUN_TEST(one_that_breaks_now_and_then_is_kept);
+    RUN_TEST(a_change_of_mind_and_back_is_counted_unless_something_was_learned);
     RUN_TEST(the_end_of_the_exploration_is_its_to_say);
     return UNITY_END();
 }
