@@ -15,6 +15,7 @@ import numpy as np
 from numba import njit
 
 from noctule.inprocess import library
+from noctule.map_score import wall_shares
 from noctule.score import ExploredScore, StartPose, cached_floor_truth
 from noctule_sim.geometry import Geometry
 
@@ -83,6 +84,7 @@ class Exploration:
     plan_ms: tuple = ()                                # p50, p99, greatest, processor time
     whole_plan_ms: float = -1.0                        # one plan over the whole map at the end, processor time
     whole_plan_cells: int = 0                          # settled by it
+    walls: tuple = (None, None)                        # map_score.wall_shares of the map at the end
     track: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))  # (N, 3) t, x, y, frame World, every half second
     goal_track: list = field(default_factory=list)
     speed_m_s: np.ndarray = field(default_factory=lambda: np.zeros(0))
@@ -99,6 +101,20 @@ def _load():
     abi.noctule_explore_tile_count.argtypes = [ctypes.c_void_p]
     abi.noctule_explore_tile_at.argtypes = [ctypes.c_void_p, ctypes.c_int, ctypes.POINTER(_Tile)]
     return abi
+
+
+def _map(abi, handle) -> tuple[np.ndarray, float, float]:
+    """The whole grid: log odds (rows, columns) int8 and its corner [m], frame Map."""
+    tiles, tile = {}, _Tile()
+    for slot in range(abi.noctule_explore_tile_count(handle)):
+        abi.noctule_explore_tile_at(handle, slot, ctypes.byref(tile))
+        tiles[tile.tile_y, tile.tile_x] = np.frombuffer(tile.log_odds, np.int8).reshape(64, 64).copy()
+    low, high = np.min(list(tiles), axis=0), np.max(list(tiles), axis=0) + 1
+    grid = np.zeros((high - low) * 64, np.int8)
+    for at, values in tiles.items():
+        row, column = (np.array(at) - low) * 64
+        grid[row:row + 64, column:column + 64] = values
+    return grid, float(low[1]) * 6.4, float(low[0]) * 6.4
 
 
 def explore(world, seed: int, parameters: dict[str, float], max_time_s: float = 1800.0, floor_truth=None, watch=None, lag_s: float = 0.15) -> Exploration:
@@ -183,6 +199,7 @@ def explore(world, seed: int, parameters: dict[str, float], max_time_s: float = 
             watch(t_s - began_s, state, out)
         if out.state in (LANDED, ABORTED):
             break
+    result.walls = wall_shares(truth, start, *_map(abi, handle), 0.1)
     cells = ctypes.c_int32()
     result.whole_plan_ms = abi.noctule_explore_plan_ms(handle, ctypes.byref(cells))
     result.whole_plan_cells = cells.value

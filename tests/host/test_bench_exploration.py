@@ -12,7 +12,7 @@ from noctule.settings import EXTERNAL_POLICY, POLICIES
 def result(world, seed, policy, t99, **more):
     return {"world": world, "seed": seed, "policy": policy, "time_to_99_s": t99, "path_to_99_m": None if t99 is None else t99 / 2, "path_m": 300.0,
             "exploring_s": 100.0, "completed": True, "explored_fraction": 0.99, "least_clearance_m": 0.07, "back_and_forth": 0, "switches": 1,
-            "stuck": 0, "plan_ms": (0.5, 2.0, 3.0), **more}
+            "stuck": 0, "plan_ms": (0.5, 2.0, 3.0), "walls": (0.99, 0.98), **more}
 
 
 def test_ratios_pair_the_seeds_that_both_policies_flew():
@@ -42,8 +42,26 @@ def test_rows_say_missed_for_a_flight_that_did_not_complete():
     completed = rows["default: completed, explored_fraction at least 0.97"]
     assert (completed["value"], completed["must"]) == (0, "== 1")
     assert rows["time to 99 %, against nearest frontier, mean over worlds"]["value"] == pytest.approx(0.5)
-    assert rows["a tour that knows the building, at 0.7 m/s, against nearest frontier"]["value"] == pytest.approx(0.4)
+    assert rows["a tour that knows the building: path, against nearest frontier"]["value"] == pytest.approx(40.0 / 50.0)
+    assert rows["a tour that knows the building, at 0.7 m/s: time, against nearest frontier"]["value"] == pytest.approx(40.0 / 0.7 / 100.0)
+    assert rows["default: visible wall cells marked within one cell, mean"]["value"] == pytest.approx(0.99)
 
+
+def test_a_tour_that_knows_the_building_looks_into_each_room_and_no_farther():
+    from noctule.clairvoyant import clairvoyant_m
+    from noctule.score import cached_floor_truth
+    from noctule_sim.world import build_world
+
+    def way(*walls):
+        plan = {"name": "rooms", "start": {"x": 1.0, "y": 1.0, "yaw_deg": 0.0}, "floors": [{"elevation": 0.0, "height": 2.5, "extent": [-1, -1, 9, 5]}],
+                "walls": [{"from": list(w[:2]), "to": list(w[2:])} for w in walls]}
+        world = build_world(plan)
+        return clairvoyant_m(cached_floor_truth(world.primitives(), 0.0, 1.0, 1.0), 1.0, 1.0)
+
+    box = ((0, 0, 8, 0), (8, 0, 8, 4), (8, 4, 0, 4), (0, 4, 0, 0))
+    assert way(*box) == pytest.approx(0.0, abs=0.5)                      # all of it is seen from the start
+    behind = way(*box, (5, 0, 5, 2.9))                                    # a room behind a wall, its door at the far side
+    assert 2.0 < behind < 9.0                                              # through the door and a look round, not every corner
 
 def test_policies_are_named_in_the_order_of_the_parameter():
     from noctule.params_gen import TABLE
