@@ -118,6 +118,10 @@ void WallFilter::start(const Pose2<Map, Body>& pose) {
     best_ = 0;
 }
 
+Matrix<float, 3, 3> WallFilter::slowly(const Matrix<float, 3, 3>& drift) const {
+    return drift + positive_part(kDriftLeft * map_drift_ - drift, std::numeric_limits<float>::infinity());
+}
+
 void WallFilter::predict(const MotionIncrement& motion) {
     motion_covariance_ = motion.covariance;
     step_m_ = std::hypot(motion.dx_m, motion.dy_m);
@@ -298,8 +302,7 @@ void WallFilter::update_particle(Particle& particle, const std::size_t index, co
     particle.pose = {belief.pose.x_m + offset(0, 0), belief.pose.y_m + offset(1, 0), wrap_angle(belief.pose.yaw_rad + offset(2, 0))};
 
     // Pose against Map's start: how well the scan ties it to the walls, and how well those are tied.
-    drift_[index] = drift_of(particle, assigned, walls.size());
-    drift_[index] += positive_part(kDriftLeft * map_drift_ - drift_[index], std::numeric_limits<float>::infinity());
+    drift_[index] = slowly(drift_of(particle, assigned, walls.size()));
     const Matrix<float, 3, 3> absolute = drift_[index] + left_after(whole_covariance_, belief.lambda);
     for (std::size_t j = 0; j < walls.size(); ++j) {
         if (assigned[j].landmark >= 0) {

@@ -137,6 +137,8 @@ private:
     static void fuse_match(const PoseMatch& match, const Pose2<Map, Body>& predicted, Belief& belief);
     /// How far the map's frame may be off where this particle is, from the walls it is tied to (docs/maths/localisation.md#drift).
     [[nodiscard]] Matrix<float, 3, 3> drift_of(const Particle& particle, const std::array<Assignment, kMaxWallsPerScan>& assigned, std::size_t walls) const;
+    /// The same, which takes doubt away by a small share a step only.
+    [[nodiscard]] Matrix<float, 3, 3> slowly(const Matrix<float, 3, 3>& drift) const;
     void tie(Landmark& landmark, const Pose2<Map, Body>& pose, const Matrix<float, 3, 3>& drift) const;
     void learn(Landmark& landmark, const WallObservation& wall, const Pose2<Map, Body>& pose, float noise_scale) const;
     Landmark& insert(Particle& particle, const WallObservation& wall, const Pose2<Map, Body>& pose);

@@ -44,7 +44,7 @@ const WallFilter::Result& WallFilter::follow(const WallObservations& walls, cons
         associated[static_cast<std::size_t>(assigned[j].landmark)] = true;
     }
     judge_walls(walls, scan);
-    map_drift_ = drift_of(particle, assigned, walls.size());
+    map_drift_ = slowly(drift_of(particle, assigned, walls.size()));
     for (std::size_t j = 0; j < walls.size(); ++j) {
         if (assigned[j].landmark >= 0) { learn(particle.landmarks[static_cast<std::size_t>(assigned[j].landmark)], walls[j], mean_, 1.0F); }
     }
