@@ -218,6 +218,7 @@ private:
     void ask_for(std::uint32_t msgid, float rate_hz);
     void ask_for_streams();
     void wake_streams();
+    [[nodiscard]] bool slows_our_streams(const mavlink_message_t& message) const;
     void text(std::uint8_t severity, const char* format, ...) __attribute__((format(printf, 3, 4)));
 
     template <class Payload>

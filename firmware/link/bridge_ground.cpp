@@ -48,7 +48,10 @@ void Bridge::ground_frame(const MavlinkFrame& frame) {
     const bool to_us = our_system && frame.target.component == MAV_COMP_ID_ONBOARD_COMPUTER;
     const bool to_camera = our_system && frame.target.component == MAV_COMP_ID_CAMERA && has_video();
     const bool to_all = (frame.target.system == 0 || our_system) && frame.target.component == 0;
-    if (!to_us && !to_camera) { sink_.to_autopilot(frame.bytes); }
+    if (!to_us && !to_camera) {
+        sink_.to_autopilot(frame.bytes);
+        if (heard_ && slows_our_streams(frame.message)) { wake_streams(); }
+    }
     const MavlinkTarget asked_by{frame.message.sysid, frame.message.compid};
     ground_heard_us_ = now_us_;
     switch (frame.message.msgid) {
@@ -78,6 +81,16 @@ void Bridge::ground_frame(const MavlinkFrame& frame) {
             return;
         default: return;
     }
+}
+
+/// A ground station asks the autopilot for rates. They hold for its whole link, ours with them: what we need is asked for again right behind.
+bool Bridge::slows_our_streams(const mavlink_message_t& message) const {
+    if (message.msgid == MAVLINK_MSG_ID_REQUEST_DATA_STREAM) { return true; }
+    if (message.msgid != MAVLINK_MSG_ID_COMMAND_LONG) { return false; }
+    mavlink_command_long_t in;
+    mavlink_msg_command_long_decode(&message, &in);
+    return in.command == MAV_CMD_SET_MESSAGE_INTERVAL &&
+           std::any_of(streams_.begin(), streams_.end(), [&](const Stream& s) { return in.param1 == static_cast<float>(s.msgid) || (s.substitute != 0 && in.param1 == static_cast<float>(s.substitute)); });
 }
 
 void Bridge::acknowledge(const std::uint16_t command, const std::uint8_t result, const MavlinkTarget asked_by) { acknowledge_as(to_ground_, command, result, asked_by); }

@@ -161,7 +161,7 @@ void Bridge::publish_vehicle() {
 
 void Bridge::ask_for(const std::uint32_t msgid, const float rate_hz) { send_command(MAV_CMD_SET_MESSAGE_INTERVAL, {static_cast<float>(msgid), 1e6F / rate_hz}); }
 
-/// An autopilot that sends nothing unasked but its heartbeat (ArduPilot) has told no time yet, and without time nothing else happens here.
+/// All that we need, at once. An autopilot that sends nothing unasked but its heartbeat (ArduPilot) has told no time yet, and without time nothing else happens here.
 void Bridge::wake_streams() {
     for (const Stream& stream : streams_) { ask_for(stream.msgid, stream.rate_hz); }
 }

@@ -174,6 +174,48 @@ static void an_origin_is_given_and_verified_and_one_that_is_there_stays() {
     TEST_ASSERT_GREATER_OR_EQUAL_size_t(3, Scene::count(deaf.out.autopilot, MAVLINK_MSG_ID_SET_GPS_GLOBAL_ORIGIN));
 }
 
+/// Rates that the bridge asked the autopilot for since `begin`, of one message.
+int asked_since(const Scene& s, const std::size_t begin, const std::uint32_t msgid) {
+    int n = 0;
+    for (std::size_t i = begin; i < s.out.autopilot.size(); ++i) {
+        const mavlink_message_t& m = s.out.autopilot[i];
+        if (m.msgid != MAVLINK_MSG_ID_COMMAND_LONG || m.compid != MAV_COMP_ID_ONBOARD_COMPUTER) { continue; }
+        mavlink_command_long_t c{};
+        mavlink_msg_command_long_decode(&m, &c);
+        n += c.command == MAV_CMD_SET_MESSAGE_INTERVAL && c.param1 == static_cast<float>(msgid) ? 1 : 0;
+    }
+    return n;
+}
+
+static void rates_that_a_ground_station_asks_for_do_not_slow_ours() {
+    static Scene s;
+    s.run(4.0);
+    std::size_t before = s.out.autopilot.size();
+    mavlink_request_data_stream_t all{};
+    all.target_system = scene::kSystem;
+    all.target_component = MAV_COMP_ID_AUTOPILOT1;
+    all.req_message_rate = 4;
+    all.start_stop = 1;
+    s.from_ground(mavlink_msg_request_data_stream_encode_status, all);
+    TEST_ASSERT_EQUAL_UINT32(MAVLINK_MSG_ID_REQUEST_DATA_STREAM, s.out.autopilot[before].msgid);   // first theirs, then ours
+    for (const std::uint32_t msgid : {MAVLINK_MSG_ID_HIGHRES_IMU, MAVLINK_MSG_ID_DISTANCE_SENSOR, MAVLINK_MSG_ID_LOCAL_POSITION_NED}) {
+        TEST_ASSERT_EQUAL_INT(1, asked_since(s, before, msgid));
+    }
+    mavlink_command_long_t one{};
+    one.target_system = scene::kSystem;
+    one.target_component = MAV_COMP_ID_AUTOPILOT1;
+    one.command = MAV_CMD_SET_MESSAGE_INTERVAL;
+    one.param2 = 1e6F;
+    one.param1 = MAVLINK_MSG_ID_VFR_HUD;                        // none of ours
+    before = s.out.autopilot.size();
+    s.from_ground(mavlink_msg_command_long_encode_status, one);
+    TEST_ASSERT_EQUAL_INT(0, asked_since(s, before, MAVLINK_MSG_ID_DISTANCE_SENSOR));
+    one.param1 = MAVLINK_MSG_ID_DISTANCE_SENSOR;
+    before = s.out.autopilot.size();
+    s.from_ground(mavlink_msg_command_long_encode_status, one);
+    TEST_ASSERT_EQUAL_INT(1, asked_since(s, before, MAVLINK_MSG_ID_DISTANCE_SENSOR));
+}
+
 static int asks_for_the_place(const Scene& s) {
     int n = 0;
     for (const mavlink_command_long_t& c : s.commands(MAV_CMD_SET_MESSAGE_INTERVAL)) { n += c.param1 == static_cast<float>(MAVLINK_MSG_ID_GLOBAL_POSITION_INT) ? 1 : 0; }
@@ -480,6 +522,7 @@ int main() {
     RUN_TEST(an_obstacle_stands_in_the_sector_where_it_is);
     RUN_TEST(scans_become_obstacles_at_ten_hertz);
     RUN_TEST(an_origin_is_given_and_verified_and_one_that_is_there_stays);
+    RUN_TEST(rates_that_a_ground_station_asks_for_do_not_slow_ours);
     RUN_TEST(the_place_on_the_map_is_asked_for_where_there_is_one);
     RUN_TEST(px4_gets_no_origin_and_does_not_start_with_one_that_it_makes_nothing_of);
     RUN_TEST(two_autopilots_refuse_the_start_until_one_is_chosen);
