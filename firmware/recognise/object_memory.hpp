@@ -122,6 +122,10 @@ public:
     /// The object with that index should have been seen from there, and was not.
     void note_absent(std::size_t index, const Vec3& eye_m);
 
+    /// The vehicle went through an opening there, up to that floor or down from it. What seems to stand beside it on that floor may be a thing of the storey
+    /// below: equation (28) is held stricter, and within within_m there is nothing but air. More than kMaxOpenings: the first are forgotten.
+    void note_passage(std::int32_t upper_floor, double x_m, double y_m, double within_m);
+
     /// After the observations of a frame: joins what turned out to be one, drops candidates that stayed alone.
     /// The indices that enter() returned no longer hold.
     void tidy(std::int64_t t_us);
@@ -149,6 +153,7 @@ private:
     void fuse(KnownObject& object, const Observation& observation);
     void keep_view(KnownObject& object, const Observation& observation);
     void solve(KnownObject& object) const;
+    [[nodiscard]] double from_passage_m(const KnownObject& object, double& within_m) const;
     [[nodiscard]] bool sure(const KnownObject& object) const;
     [[nodiscard]] bool refuted(const KnownObject& object) const;
     [[nodiscard]] bool same(const KnownObject& a, const KnownObject& b) const;
@@ -156,7 +161,14 @@ private:
     void remove(std::size_t index, std::int64_t into);
     [[nodiscard]] int reunite(std::size_t candidate);
 
+    struct Passage {
+        std::int32_t upper_floor = 0;
+        double x_m = 0.0;
+        double y_m = 0.0;
+        double within_m = 0.0;
+    };
     Objects objects_;
+    Bounded<Passage, kMaxOpenings> passages_;
     Bounded<Removal, 2 * kMaxObjects> removals_;
     MemoryCounters counters_;
     SurfMatches matches_;

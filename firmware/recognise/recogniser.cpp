@@ -104,6 +104,7 @@ void Recogniser::enter(const cv::Mat& image, const std::int64_t t_us) {
         static_cast<void>(sightings_.push({part.region, static_cast<std::int32_t>(seen.features.size()), ids[n], part.place}));
         ++n;
     }
+    watch_for_passages(pose);
     look_for_absent(pose.floor);
     memory_.tidy(t_us);
     if (store_.is_open()) { static_cast<void>(store_.commit(memory_, image, t_us)); }
@@ -113,6 +114,14 @@ void Recogniser::enter(const cv::Mat& image, const std::int64_t t_us) {
                                       [&](const KnownObject& o) { return o.confirmed && o.id == sighting.object_id; });
         if (!sure) { sighting.object_id = 0; }
     }
+}
+
+void Recogniser::watch_for_passages(const VehiclePose& pose) {
+    if (last_pose_.t_us > 0 && pose.floor != last_pose_.floor && pose.floor >= 0 && last_pose_.floor >= 0) {
+        const std::int32_t upper = pose.z_m > last_pose_.z_m ? pose.floor : last_pose_.floor;
+        memory_.note_passage(upper, pose.x_m, pose.y_m, static_cast<double>(p_.floor_safety_m));
+    }
+    last_pose_ = pose;
 }
 
 void Recogniser::look_for_absent(const std::int32_t floor) {
