@@ -44,6 +44,6 @@ constexpr PreflightRow kPreflight[] = {
 
 }  // namespace
 
-const Flavour kArdupilot{"ArduPilot", mode(kGuided), mode(kLand), true, &name, true, kPreflight, "BARO_FIELD_ELV", true, MAV_ESTIMATOR_TYPE_LIDAR};
+const Flavour kArdupilot{"ArduPilot", mode(kGuided), mode(kLand), true, &name, true, kPreflight, "BARO_FIELD_ELV", true, true, MAV_ESTIMATOR_TYPE_LIDAR};
 
 }  // namespace noctule

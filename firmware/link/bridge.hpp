@@ -219,6 +219,7 @@ private:
     void ask_for_streams();
     void wake_streams();
     [[nodiscard]] bool slows_our_streams(const mavlink_message_t& message) const;
+    [[nodiscard]] bool starves_us(const MavlinkFrame& frame) const;
     void text(std::uint8_t severity, const char* format, ...) __attribute__((format(printf, 3, 4)));
 
     template <class Payload>

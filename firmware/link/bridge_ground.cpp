@@ -48,7 +48,9 @@ void Bridge::ground_frame(const MavlinkFrame& frame) {
     const bool to_us = our_system && frame.target.component == MAV_COMP_ID_ONBOARD_COMPUTER;
     const bool to_camera = our_system && frame.target.component == MAV_COMP_ID_CAMERA && has_video();
     const bool to_all = (frame.target.system == 0 || our_system) && frame.target.component == 0;
-    if (!to_us && !to_camera) {
+    if (starves_us(frame)) {
+        text(MAV_SEVERITY_NOTICE, "autopilot's lists and files wait until landed");
+    } else if (!to_us && !to_camera) {
         sink_.to_autopilot(frame.bytes);
         if (heard_ && slows_our_streams(frame.message)) { wake_streams(); }
     }
@@ -81,6 +83,13 @@ void Bridge::ground_frame(const MavlinkFrame& frame) {
             return;
         default: return;
     }
+}
+
+/// In a mission nobody else's download may take the inertial data and the ranges away (docs/ardupilot.md).
+bool Bridge::starves_us(const MavlinkFrame& frame) const {
+    const bool download = frame.message.msgid == MAVLINK_MSG_ID_PARAM_REQUEST_LIST || frame.message.msgid == MAVLINK_MSG_ID_FILE_TRANSFER_PROTOCOL;
+    const bool of_autopilot = frame.target.component == MAV_COMP_ID_AUTOPILOT1 || frame.target.component == 0;
+    return download && of_autopilot && flavour_ != nullptr && flavour_->lists_slow_streams && flight_.active();
 }
 
 /// A ground station asks the autopilot for rates. They hold for its whole link, ours with them: what we need is asked for again right behind.

@@ -36,6 +36,7 @@ struct Flavour {
     std::span<const PreflightRow> preflight;
     const char* elevation_parameter;  ///< to be set to the origin's altitude before the origin is given; null: none
     bool origin_serves;         ///< a global origin gives it a global position; else its own landing mode flies off to 0 N 0 E once it has one
+    bool lists_slow_streams;    ///< while it hands out its parameters or files, all else comes at a fraction of its rate
     std::uint8_t odometry_estimator;  ///< MAV_ESTIMATOR_TYPE under which it takes our ODOMETRY
 };
 

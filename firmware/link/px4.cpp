@@ -60,7 +60,7 @@ constexpr PreflightRow kPreflight[] = {
 
 }  // namespace
 
-const Flavour kPx4{"PX4", mode(kMainOffboard, 0), mode(kMainAuto, kSubLand), false, &name, false, kPreflight, nullptr, false, MAV_ESTIMATOR_TYPE_VISION};
+const Flavour kPx4{"PX4", mode(kMainOffboard, 0), mode(kMainAuto, kSubLand), false, &name, false, kPreflight, nullptr, false, false, MAV_ESTIMATOR_TYPE_VISION};
 
 const Flavour* flavour_of(const std::uint8_t mav_autopilot) {
     switch (mav_autopilot) {

@@ -1,6 +1,7 @@
 // What the bridge tells and asks besides flying; commands that repeat; the pilot's switch; the fence and jumps.
 #include <unity.h>
 
+#include <algorithm>
 #include <limits>
 #include <memory>
 
@@ -214,6 +215,44 @@ static void rates_that_a_ground_station_asks_for_do_not_slow_ours() {
     before = s.out.autopilot.size();
     s.from_ground(mavlink_msg_command_long_encode_status, one);
     TEST_ASSERT_EQUAL_INT(1, asked_since(s, before, MAVLINK_MSG_ID_DISTANCE_SENSOR));
+}
+
+static void in_a_mission_an_ardupilot_is_not_asked_for_its_lists() {
+    for (const std::uint8_t type : {std::uint8_t{MAV_AUTOPILOT_ARDUPILOTMEGA}, std::uint8_t{MAV_AUTOPILOT_PX4}}) {
+        const auto s = std::make_unique<Scene>();
+        s->autopilot_type = type;
+        mavlink_param_request_list_t list{};
+        list.target_system = scene::kSystem;
+        mavlink_file_transfer_protocol_t file{};
+        file.target_system = scene::kSystem;
+        file.target_component = MAV_COMP_ID_AUTOPILOT1;
+        mavlink_param_request_read_t one{};
+        one.target_system = scene::kSystem;
+        one.target_component = MAV_COMP_ID_AUTOPILOT1;
+        const auto passed = [&] {
+            const std::size_t before = s->out.autopilot.size();
+            for (const std::uint8_t component : {std::uint8_t{0}, std::uint8_t{MAV_COMP_ID_AUTOPILOT1}}) {
+                list.target_component = component;
+                s->from_ground(mavlink_msg_param_request_list_encode_status, list);
+            }
+            s->from_ground(mavlink_msg_file_transfer_protocol_encode_status, file);
+            s->from_ground(mavlink_msg_param_request_read_encode_status, one);
+            return std::count_if(s->out.autopilot.begin() + static_cast<std::ptrdiff_t>(before), s->out.autopilot.end(), [](const mavlink_message_t& m) { return m.sysid == 255; });
+        };
+        s->run(3.0);
+        TEST_ASSERT_EQUAL(4, passed());                  // on the ground all pass
+        TEST_ASSERT_FALSE(s->said("wait until landed"));
+        s->fly();
+        TEST_ASSERT_TRUE(s->bridge.flight().active());
+        const bool ardupilot = type == MAV_AUTOPILOT_ARDUPILOTMEGA;
+        TEST_ASSERT_EQUAL(ardupilot ? 1 : 4, passed());  // the single parameter
+        TEST_ASSERT_EQUAL(ardupilot, s->said("wait until landed"));
+        list.target_component = MAV_COMP_ID_ONBOARD_COMPUTER;   // our own table is no matter of the autopilot's
+        const std::size_t values = Scene::count(s->out.ground, MAVLINK_MSG_ID_PARAM_VALUE);
+        s->from_ground(mavlink_msg_param_request_list_encode_status, list);
+        s->run(2.0);
+        TEST_ASSERT_GREATER_THAN_size_t(values + 20, Scene::count(s->out.ground, MAVLINK_MSG_ID_PARAM_VALUE));
+    }
 }
 
 static int asks_for_the_place(const Scene& s) {
@@ -523,6 +562,7 @@ int main() {
     RUN_TEST(scans_become_obstacles_at_ten_hertz);
     RUN_TEST(an_origin_is_given_and_verified_and_one_that_is_there_stays);
     RUN_TEST(rates_that_a_ground_station_asks_for_do_not_slow_ours);
+    RUN_TEST(in_a_mission_an_ardupilot_is_not_asked_for_its_lists);
     RUN_TEST(the_place_on_the_map_is_asked_for_where_there_is_one);
     RUN_TEST(px4_gets_no_origin_and_does_not_start_with_one_that_it_makes_nothing_of);
     RUN_TEST(two_autopilots_refuse_the_start_until_one_is_chosen);
