@@ -135,6 +135,25 @@ void a_direction_the_laser_does_not_see_keeps_its_doubt() {
     TEST_ASSERT_TRUE(filter.covariance()(F::kY, F::kY) < 1e-6);
 }
 
+void a_blind_direction_takes_nothing_from_what_leaks_into_it() {
+    const Parameters parameters;
+    F filter(parameters);
+    for (int i = 0; i < 200; ++i) { filter.predict(at_rest(), 0.01); }
+    const double along = filter.covariance()(F::kX, F::kX);
+    const F::Vector before = filter.state();
+    LaserInformation leaking;   // walls along x, and a little that seems to be known along them
+    leaking.lambda(1, 1) = leaking.lambda(2, 2) = 1e6;
+    leaking.lambda(0, 0) = 1e4;
+    leaking.b(0, 0) = 1e4 * 0.5;
+    leaking.b(1, 0) = 1e6 * 0.02;
+    leaking.blind = true;
+    leaking.blind_rad = 0.0;
+    filter.correct(leaking);
+    for (const std::size_t i : {F::kX, F::kVx, F::kBiasX, F::kTiltX}) { TEST_ASSERT_DOUBLE_WITHIN(1e-12, before(i, 0), filter.state()(i, 0)); }
+    TEST_ASSERT_TRUE(filter.covariance()(F::kX, F::kX) >= (1.0 - 1e-9) * along);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-3, 0.02, filter.state()(F::kY, 0));
+}
+
 void information_form_equals_the_kalman_gain() {
     const Parameters parameters;
     F filter(parameters);
@@ -196,6 +215,7 @@ int main() {
     RUN_TEST(a_tilt_error_fades_in_mean_and_keeps_its_spread);
     RUN_TEST(increment_is_seen_from_the_body_and_forgets_the_pose_before);
     RUN_TEST(a_direction_the_laser_does_not_see_keeps_its_doubt);
+    RUN_TEST(a_blind_direction_takes_nothing_from_what_leaks_into_it);
     RUN_TEST(information_form_equals_the_kalman_gain);
     RUN_TEST(learns_biases_from_fixes_at_rest);
     RUN_TEST(coasting_doubts_more_than_predicting);

@@ -156,6 +156,23 @@ void test_a_shape_is_even_and_fits() {
     TEST_ASSERT_TRUE(near < 16);
 }
 
+void test_what_beams_pass_through_is_told() {
+    const auto map = std::make_unique<ScanMap>();
+    map->start(0.0F, 0.0F);
+    ScanShape near_wall, far_wall;
+    for (int k = -30; k <= 30; ++k) {
+        static_cast<void>(near_wall.push({3.0F, 0.05F * static_cast<float>(k)}));
+        static_cast<void>(far_wall.push({6.0F, 0.05F * static_cast<float>(k)}));
+    }
+    const Pose2<Map, Body> pose{};
+    map->add(near_wall.begin(), near_wall.size(), pose);
+    map->add(far_wall.begin(), far_wall.size(), pose);
+    // A sweep that hits the near one hides the far one; one that hits the far one has come through the near one.
+    TEST_ASSERT_EQUAL_FLOAT(0.0F, map->passed_through(near_wall, pose, 9.0F));
+    TEST_ASSERT_FLOAT_WITHIN(0.15F, 0.35F, map->passed_through(far_wall, pose, 9.0F));
+    TEST_ASSERT_EQUAL_FLOAT(1.0F, map->passed_through(far_wall, pose, 2.0F));   // nothing in view says nothing
+}
+
 }  // namespace
 
 extern "C" void setUp() { parameters = Parameters{}; }
@@ -169,5 +186,6 @@ int main() {
     RUN_TEST(test_an_empty_map_and_an_empty_sweep_give_no_match);
     RUN_TEST(test_a_full_pool_gives_up_the_most_crowded_keyframe);
     RUN_TEST(test_a_shape_is_even_and_fits);
+    RUN_TEST(test_what_beams_pass_through_is_told);
     return UNITY_END();
 }

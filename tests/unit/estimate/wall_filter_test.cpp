@@ -221,6 +221,42 @@ void covariance_of_the_map_grows_with_each_place() {
     TEST_ASSERT_TRUE(turn_far > 2.0F * turn_near);
 }
 
+/// Along a wall without an end, then the wall across that was seen at the start: doubt about the frame along the way.
+void along_a_wall_doubt_grows_and_falls_slowly_again(const bool match_leads) {
+    const Parameters parameters;
+    Scene scene(parameters);
+    Pose2<Map, Body> pose{};
+    const auto step = [&](const float dx_m, const bool across) {
+        MotionIncrement motion = still();
+        motion.dx_m = dx_m;
+        pose.x_m += dx_m;
+        WallObservations walls;
+        static_cast<void>(walls.push(seen(pose, -5.0F, 2.0F, 45.0F, 2.0F)));
+        if (across) { static_cast<void>(walls.push(seen(pose, 30.0F, -1.0F, 30.0F, 1.5F))); }
+        scene.filter->predict(motion);
+        if (!match_leads) { return scene.filter->update(walls, PoseMatch{}, empty_scan()).map_drift(0, 0); }
+        ScanFit fit;
+        fit.pose = pose;
+        fit.match.valid = true;
+        fit.match.pose = pose;
+        fit.match.lambda(0, 0) = fit.match.lambda(1, 1) = 1e6F;
+        fit.match.lambda(2, 2) = 1e8F;
+        return scene.filter->follow(walls, fit, empty_scan()).map_drift(0, 0);
+    };
+    float known = 0.0F;
+    for (int i = 0; i < 20; ++i) { known = step(0.0F, true); }
+    float grown = 0.0F;
+    for (int i = 0; i < 200; ++i) { grown = step(0.1F, false); }
+    TEST_ASSERT_FLOAT_WITHIN(0.2F * 5e-4F, 20.0F * 0.005F * 0.005F, grown - known);
+    TEST_ASSERT_TRUE(step(0.0F, true) > 0.97F * grown);   // meeting it once is no proof
+    float after = 0.0F;
+    for (int i = 0; i < 300; ++i) { after = step(0.0F, true); }
+    TEST_ASSERT_TRUE(after < 0.2F * grown);
+}
+
+void along_a_wall_doubt_grows_and_falls_slowly_where_walls_lead() { along_a_wall_doubt_grows_and_falls_slowly_again(false); }
+void along_a_wall_doubt_grows_and_falls_slowly_where_the_match_leads() { along_a_wall_doubt_grows_and_falls_slowly_again(true); }
+
 }  // namespace
 }  // namespace noctule
 
@@ -235,5 +271,7 @@ int main() {
     RUN_TEST(parallel_walls_say_nothing_along_themselves);
     RUN_TEST(walls_a_little_askew_pull_no_particle_along);
     RUN_TEST(covariance_of_the_map_grows_with_each_place);
+    RUN_TEST(along_a_wall_doubt_grows_and_falls_slowly_where_walls_lead);
+    RUN_TEST(along_a_wall_doubt_grows_and_falls_slowly_where_the_match_leads);
     return UNITY_END();
 }
