@@ -95,7 +95,9 @@ def real_rows(folder: Path) -> list[dict]:
         for label, parameters in ((name, {}), (f"{name}, without the scan match", {"scan_match": 0})):
             track = carmen.track(log, parameters)
             us = track.localise_us
-            convention, errors = carmen.calibrated_errors(log, track.t_s, track.poses, truth)
+            if label == name:
+                convention = carmen.calibrate(log, track.t_s, track.poses, truth[::2])
+            errors = carmen.relation_errors(log, track.t_s, track.poses, truth[1::2], convention)
             limits = (must, aim, must_deg) if label == name else (None, None, None)
             rows += [*error_rows(f"{label}: relations", errors, reference, *limits),
                      *error_rows(f"{label}: relations as they stand", carmen.relation_errors(log, track.t_s, track.poses, truth), reference),
