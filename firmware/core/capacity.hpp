@@ -46,7 +46,7 @@ inline constexpr std::size_t kMaxPaperLevels = by_profile(256, 128, 32);  ///< l
 inline constexpr std::size_t kMaxTiles = by_profile(768, 256, 10);  ///< tiles of 64 x 64 cells (41 m2 at 0.10 m); a further one is refused
 inline constexpr std::size_t kFloorSlots = by_profile(8, 4, 2);  ///< floors that share the tiles; an opening to a further one is refused
 inline constexpr std::int32_t kMaxFloors = static_cast<std::int32_t>(kFloorSlots);
-inline constexpr std::size_t kMaxTouchedTiles = by_profile(128, 64, 24);  ///< tiles that one sweep can touch; beyond, its beams count one by one
+inline constexpr std::size_t kMaxTouchedTiles = by_profile(128, 64, 10);  ///< tiles that one sweep can touch; beyond, its beams count one by one
 inline constexpr std::size_t kMaxFieldTiles = by_profile(320, 128, 8);  ///< tiles of one floor with costs of the way; what lies beyond is not reachable
 inline constexpr std::size_t kTileDirectory = by_profile(2048, 1024, 32);  ///< entries of the tile directory, a power of two over twice kMaxTiles
 inline constexpr std::size_t kMaxOpenCells = by_profile(65536, 32768, 2048);  ///< open entries of one search over the grid; a further one is dropped
@@ -79,7 +79,7 @@ inline constexpr std::size_t kMaxMatchPoints = by_profile(240, 240, 120);  ///< 
 inline constexpr std::size_t kMaxShapePoints = 180;  ///< points of one sweep in the scan match; thinned out beyond
 inline constexpr std::size_t kMaxScanSide = by_profile(320, 320, 96);  ///< cells along a side of that map, 0.15 m each; what lies outside is left out
 inline constexpr std::size_t kMaxScanCells = by_profile(5120, 4096, 768);  ///< cells of the map around the vehicle; a further one is refused
-inline constexpr std::size_t kMaxKeyframes = by_profile(1536, 512, 64);  ///< sweeps kept for the scan match; the most crowded gives way
+inline constexpr std::size_t kMaxKeyframes = by_profile(1536, 512, 32);  ///< sweeps kept for the scan match; the most crowded gives way
 inline constexpr std::size_t kMaxPlaceCentres = by_profile(512, 256, 32);  ///< places that one sweep is looked for at; further ones are left out
 
 // Recognition.
