@@ -2,7 +2,8 @@
 
 Every exploration is flown in the kinematic loop (kinematic.py: the firmware's map, mission, reference and guard, the simulator's ray
 caster, the pose given), two at a time, and kept under runs/bench/exploration, one file each: a bench that was stopped goes on. A
-sample is confirmed by whole in-process flights (`confirm`). Times are counted from the start of the climb.
+sample is confirmed by whole in-process flights (`confirmed`). Times are counted from the start of the climb. One floor is explored and
+none looked for (floors_max 1): the search for openings comes after an exploration and is `noctule bench floors`'s.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ CRUISE_M_S = 0.7          # at which the tour that knows the building is flown: 
 WORKERS = 2
 COMPARED = ("tour", "frontier")
 PAPER_TIME_S = 600.0
+CONFIRMED = (("maze_a", 1), ("office", 1), ("SCHOOL_Borchen4", 1))   # flown again whole, in the process: physics, IMU, localisation, drop-outs
 
 
 def worlds() -> dict[str, str]:
@@ -77,7 +79,7 @@ def explored(name: str, source: str, seed: int, policy: str, fresh: bool = False
         if kept["key"] == key:
             return kept
     world, truth = _truth(source)
-    parameters, max_time_s = {"policy": POLICIES.index(policy)}, MAX_TIME_S
+    parameters, max_time_s = {"policy": POLICIES.index(policy), "floors_max": 1}, MAX_TIME_S
     if policy == "paper":
         from noctule.params_gen import PRESETS
 
@@ -95,6 +97,41 @@ def explored(name: str, source: str, seed: int, policy: str, fresh: bool = False
     part.write_text(json.dumps(kept) + "\n", encoding="utf-8")
     part.replace(path)
     return kept
+
+
+def confirmed(name: str, source: str, seed: int, fresh: bool = False) -> dict:
+    """The default's exploration as a whole flight in the process, kept or flown now."""
+    import shutil
+
+    from noctule import inprocess_flight
+    from noctule.inprocess import library_path
+    from noctule.settings import FlightSettings
+    from noctule_sim.world import load_world
+
+    folder = FOLDER / "exploration" / f"whole-{name}-{seed}"
+    key = hashlib.sha256(library_path().read_bytes()).hexdigest()[:16]
+    path = folder / "bench.json"
+    if path.is_file() and not fresh and (kept := json.loads(path.read_text(encoding="utf-8")))["key"] == key:
+        return kept
+    shutil.rmtree(folder, ignore_errors=True)
+    settings = FlightSettings(world=source, seed=seed, camera=False, max_time_s=MAX_TIME_S, parameters={"floors_max": 1.0})
+    report = inprocess_flight.fly(settings, load_world(source), folder)
+    floor = report["floors"][0]
+    kept = {"key": key, "world": name, "seed": seed, "completed": report["outcome"] == "completed", "explored_fraction": floor["explored_fraction"],
+            "time_to_99_s": floor["time_to_99_s"], "collisions": report["collisions"], "least_clearance_m": report["min_clearance_m"]}
+    path.write_text(json.dumps(kept) + "\n", encoding="utf-8")
+    return kept
+
+
+def confirmed_rows(whole: list[dict], results: list[dict]) -> list[dict]:
+    """Whole flights beside the kinematic ones of the same world and seed."""
+    rows = [row("whole flights: completed without contact, explored_fraction at least 0.97", sum(w["completed"] and w["collisions"] == 0 and w["explored_fraction"] >= 0.97 for w in whole),
+                f"of {len(whole)}", None, f"== {len(whole)}")]
+    for w in whole:
+        alike = next((r for r in results if (r["world"], r["seed"], r["policy"]) == (w["world"], w["seed"], "tour")), None)
+        if alike is not None:
+            rows.append(row(f"  {w['world']}, seed {w['seed']}: time to 99 %, against the kinematic loop's", time_to_99(w) / time_to_99(alike), f"{time_to_99(w):.0f} s", "1.0"))
+    return rows
 
 
 def all_explored(wanted: list[tuple[str, str, int, str]], fresh: bool) -> list[dict]:
@@ -275,8 +312,9 @@ def bench_exploration(quick: bool, fresh: bool) -> list[dict]:
     wanted = [(n, sources[n], seed, policy) for seed in seeds for n in names for policy in COMPARED]
     results = all_explored(wanted, fresh)
     paper = explored("maze_a", "maze_a", 1, "paper", fresh)
+    whole = [confirmed(n, sources[n], seed, fresh) for n, seed in CONFIRMED if n in names and seed in seeds]
     clairvoyant = {n: clairvoyant_of(n, sources[n]) for n in names}
     picture = FOLDER / "exploration" / "paths.png"
     draw_paths(results, picture, seeds[0])
     print(f"paths: {picture}", flush=True)
-    return rows_of(results, clairvoyant) + plan_rows(results) + paper_rows(paper)
+    return rows_of(results, clairvoyant) + plan_rows(results) + confirmed_rows(whole, results) + paper_rows(paper)

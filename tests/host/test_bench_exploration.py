@@ -47,6 +47,13 @@ def test_rows_say_missed_for_a_flight_that_did_not_complete():
     assert rows["default: visible wall cells marked within one cell, mean"]["value"] == pytest.approx(0.99)
 
 
+def test_a_whole_flight_with_a_contact_confirms_nothing():
+    whole = [{"world": "a", "seed": 1, "completed": True, "explored_fraction": 0.99, "time_to_99_s": 60.0, "collisions": n} for n in (0, 1)]
+    rows = bench.confirmed_rows(whole, [result("a", 1, "tour", 50.0), result("a", 1, "frontier", 10.0)])
+    assert (rows[0]["value"], rows[0]["must"]) == (1, "== 2")
+    assert rows[1]["value"] == pytest.approx(1.2)
+
+
 def test_a_tour_that_knows_the_building_looks_into_each_room_and_no_farther():
     from noctule.clairvoyant import clairvoyant_m
     from noctule.score import cached_floor_truth
