@@ -32,7 +32,7 @@ def has_gstreamer():
 
 
 def picture(n):
-    """(240, 320, 3): left half grey by n, right half blue."""
+    """(240, 320, 3): left half grey by n below 10, right half blue."""
     image = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
     image[:, :WIDTH // 2] = 40 + 20 * n
     image[:, WIDTH // 2:, 0] = 250
@@ -69,6 +69,7 @@ class Video:
         self.lock = PortLock.take_any()
         self.folder = folder
         self.receiver = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.receiver.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 22)
         self.receiver.bind(("127.0.0.1", 0))
         self.receiver.setblocking(False)
         self.port = self.receiver.getsockname()[1]
@@ -90,7 +91,7 @@ class Video:
 
     def show(self, n, seconds=0.05):
         message = noctule_lcm.image_t()
-        message.t_us, message.seq, message.width, message.height, message.bgr = 1_000_000 + 200_000 * n, n, WIDTH, HEIGHT, picture(n % 10).tobytes()
+        message.t_us, message.seq, message.width, message.height, message.bgr = 1_000_000 + 200_000 * n, n, WIDTH, HEIGHT, picture(n // 4 % 10).tobytes()
         self.bus.publish("IMAGE", message.encode())
         self.shown += 1
         end = time.monotonic() + seconds
@@ -110,8 +111,8 @@ class Video:
 def test_the_pictures_come_out_at_the_other_end(tmp_path):
     video = Video(tmp_path)
     assert wait_for(lambda: (video.receive(), video.told)[1], 20.0)
-    done = lambda: (video.show(video.shown), len({p[4:8] for p in video.packets}) > 12 and video.told[-1].running)[1]  # noqa: E731  as many stamps as pictures
-    assert wait_for(done, 20.0)
+    done = lambda: (video.show(video.shown), len({p[4:8] for p in video.packets}) > 40 and video.told[-1].running)[1]  # noqa: E731  as many stamps as pictures
+    assert wait_for(done, 60.0)
     assert video.told[-1].port == video.port and video.told[-1].rate_hz > 0.0
     assert [told.seq for told in video.told] == list(range(video.told[0].seq, video.told[0].seq + len(video.told)))
     video.close()
@@ -126,13 +127,14 @@ def test_the_pictures_come_out_at_the_other_end(tmp_path):
             break
         assert image.shape == (HEIGHT, WIDTH, 3)
         left, right = image[40:200, 20:140].mean(axis=(0, 1)), image[40:200, 180:300].mean(axis=(0, 1))
-        greys.append(left[1])
+        greys.append((left[1] - 40.0) / 20.0)
         assert right[0] > 200 and right[1] < 40 and right[2] < 40   # blue stayed blue
         assert max(abs(left - left[1])) < 12                        # and grey grey
-    assert len(greys) >= 8
-    assert all(min(abs(grey - (40 + 20 * n)) for n in range(10)) < 6 for grey in greys)
-    steps = np.diff(greys)
-    assert sum(abs(step - 20) < 6 for step in steps) >= len(steps) // 2     # in the order in which they were shown
+    # Each picture is shown four times; where the bits do not suffice at once, one between two of them is a mixture.
+    pictures = [round(grey) for grey in greys if abs(grey - round(grey)) < 0.3]
+    assert len(greys) > 20 and len(pictures) > len(greys) // 2, greys
+    changes = [(b - a) % 10 for a, b in zip(pictures, pictures[1:]) if a != b]
+    assert len(changes) >= 4 and sum(change <= 2 for change in changes) > len(changes) // 2, greys     # in the order in which they were shown
 
 
 @pytest.mark.skipif(not has_gstreamer(), reason="GStreamer's programs with x264enc are not installed")
