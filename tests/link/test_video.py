@@ -110,7 +110,7 @@ class Video:
 @pytest.mark.skipif(not has_gstreamer(), reason="GStreamer's programs with x264enc are not installed")
 def test_the_pictures_come_out_at_the_other_end(tmp_path):
     video = Video(tmp_path)
-    assert wait_for(lambda: (video.receive(), video.told)[1], 20.0)
+    assert wait_for(lambda: (video.receive(), video.told)[1], 60.0)
     done = lambda: (video.show(video.shown), len({p[4:8] for p in video.packets}) > 40 and video.told[-1].running)[1]  # noqa: E731  as many stamps as pictures
     assert wait_for(done, 60.0)
     assert video.told[-1].port == video.port and video.told[-1].rate_hz > 0.0
@@ -128,8 +128,8 @@ def test_the_pictures_come_out_at_the_other_end(tmp_path):
         assert image.shape == (HEIGHT, WIDTH, 3)
         left, right = image[40:200, 20:140].mean(axis=(0, 1)), image[40:200, 180:300].mean(axis=(0, 1))
         greys.append((left[1] - 40.0) / 20.0)
-        assert right[0] > 200 and right[1] < 40 and right[2] < 40   # blue stayed blue
-        assert max(abs(left - left[1])) < 12                        # and grey grey
+        assert right[0] > 120 and right[0] > 4 * max(right[1:])         # blue stayed blue
+        assert max(abs(left - left[1])) < 20                        # and grey grey
     # Each picture is shown four times; where the bits do not suffice at once, one between two of them is a mixture.
     pictures = [round(grey) for grey in greys if abs(grey - round(grey)) < 0.3]
     assert len(greys) > 20 and len(pictures) > len(greys) // 2, greys
@@ -140,12 +140,12 @@ def test_the_pictures_come_out_at_the_other_end(tmp_path):
 @pytest.mark.skipif(not has_gstreamer(), reason="GStreamer's programs with x264enc are not installed")
 def test_an_encoder_that_dies_is_started_again(tmp_path):
     video = Video(tmp_path)
-    assert wait_for(lambda: (video.show(video.shown), video.packets)[1], 20.0)
+    assert wait_for(lambda: (video.show(video.shown), video.packets)[1], 60.0)
     child = Path(f"/proc/{video.process.pid}/task/{video.process.pid}/children").read_text().split()
     os.kill(int(child[0]), signal.SIGKILL)
-    assert wait_for(lambda: (video.show(video.shown), video.told and not video.told[-1].running)[1], 10.0)
+    assert wait_for(lambda: (video.show(video.shown), video.told and not video.told[-1].running)[1], 30.0)
     video.packets.clear()
-    assert wait_for(lambda: (video.show(video.shown), video.packets)[1], 20.0)
+    assert wait_for(lambda: (video.show(video.shown), video.packets)[1], 60.0)
     assert "once more" in video.close()
     assert video.process.returncode == 0
 
