@@ -30,10 +30,8 @@ constexpr double kMeetOff_m = 0.30;
 constexpr std::int32_t kMeetPlaces = 4;
 constexpr double kMeetApart_rad = 0.04;      // lines that miss each other by more are not of one thing
 constexpr double kRefuteOff_m = 0.60;
-constexpr double kBesidePassage_m = 2.5;     // of an opening, where the lines of sight must agree from more places and better
-constexpr std::int32_t kMeetPlacesBeside = 8;
-constexpr double kMeetSigmaBeside_m = 0.15;
-constexpr double kSamePassage_m = 0.5;
+constexpr double kOpening_m = 1.5;           // from a place over an opening to what may still be in it
+constexpr double kGroundApart_m = 0.2;
 constexpr double kAbsentStep_m = 0.15;
 constexpr std::int32_t kAbsent = 5;          // places from which it was not to be seen, and more than those from which it was
 constexpr std::int64_t kForget_us = 30000000;   // a candidate without laser ranges that was not seen for so long goes
@@ -252,23 +250,24 @@ void ObjectMemory::fuse(KnownObject& object, const Observation& observation) {
     if (!object.confirmed && sure(object)) { object.confirmed = true; }
 }
 
-void ObjectMemory::note_passage(const std::int32_t upper_floor, const double x_m, const double y_m, const double within_m) {
-    for (const Passage& p : passages_) {
-        if (p.upper_floor == upper_floor && std::hypot(p.x_m - x_m, p.y_m - y_m) < kSamePassage_m) { return; }
+double ObjectMemory::nearest_m(const Grounds& grounds, const std::int32_t floor, const double x_m, const double y_m) {
+    double nearest = std::numeric_limits<double>::infinity();
+    for (const Ground& g : grounds) {
+        if (g.floor == floor) { nearest = std::min(nearest, std::hypot(static_cast<double>(g.x_m) - x_m, static_cast<double>(g.y_m) - y_m)); }
     }
-    if (passages_.full()) { passages_.drop_front(1); }
-    static_cast<void>(passages_.push({upper_floor, x_m, y_m, within_m}));
+    return nearest;
 }
 
-double ObjectMemory::from_passage_m(const KnownObject& object, double& within_m) const {
-    double nearest_m = std::numeric_limits<double>::infinity();
-    for (const Passage& p : passages_) {
-        const double away_m = std::hypot(p.x_m - object.x_m, p.y_m - object.y_m);
-        if (p.upper_floor != object.floor || away_m >= nearest_m) { continue; }
-        nearest_m = away_m;
-        within_m = p.within_m;
-    }
-    return nearest_m;
+void ObjectMemory::note_ground(const std::int32_t floor, const double x_m, const double y_m, const bool open) {
+    Grounds& grounds = open ? open_ : solid_;
+    if (nearest_m(grounds, floor, x_m, y_m) < kGroundApart_m) { return; }
+    if (grounds.full()) { grounds.drop_front(1); }
+    static_cast<void>(grounds.push({floor, static_cast<float>(x_m), static_cast<float>(y_m)}));
+}
+
+bool ObjectMemory::over_opening(const KnownObject& object) const {
+    const double open_m = nearest_m(open_, object.floor, object.x_m, object.y_m);
+    return open_m < kOpening_m && open_m < nearest_m(solid_, object.floor, object.x_m, object.y_m);
 }
 
 bool ObjectMemory::sure(const KnownObject& object) const {
@@ -278,19 +277,13 @@ bool ObjectMemory::sure(const KnownObject& object) const {
     if (object.ranged >= kConfirmRanged) { return true; }
     // Its range rests on an assumption, that it stands on this floor or hangs on that wall: the lines of sight must agree, equation (28).
     Parallax::Meeting m;
-    double within_m = 0.0;
-    const bool beside = from_passage_m(object, within_m) < kBesidePassage_m;
-    if (!object.parallax.meet(m) || object.parallax.places() < (beside ? kMeetPlacesBeside : kMeetPlaces) ||
-        m.sigma_m > (beside ? kMeetSigmaBeside_m : kMeetSigma_m) || m.apart_rad > kMeetApart_rad) {
-        return false;
-    }
+    if (over_opening(object) || !object.parallax.meet(m) || object.parallax.places() < kMeetPlaces || m.sigma_m > kMeetSigma_m || m.apart_rad > kMeetApart_rad) { return false; }
     return away_m(m.point_m, object) < kMeetOff_m + m.sigma_m;
 }
 
 bool ObjectMemory::refuted(const KnownObject& object) const {
     if (object.ranged >= kConfirmRanged) { return false; }
-    double within_m = 0.0;
-    if (from_passage_m(object, within_m) < within_m) { return true; }
+    if (over_opening(object)) { return true; }
     if (object.absent >= kAbsent && object.absent > object.parallax.places()) { return true; }
     Parallax::Meeting m;
     if (!object.parallax.meet(m) || m.sigma_m > kMeetSigma_m) { return false; }

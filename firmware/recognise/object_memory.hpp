@@ -122,9 +122,9 @@ public:
     /// The object with that index should have been seen from there, and was not.
     void note_absent(std::size_t index, const Vec3& eye_m);
 
-    /// The vehicle went through an opening there, up to that floor or down from it. What seems to stand beside it on that floor may be a thing of the storey
-    /// below: equation (28) is held stricter, and within within_m there is nothing but air. More than kMaxOpenings: the first are forgotten.
-    void note_passage(std::int32_t upper_floor, double x_m, double y_m, double within_m);
+    /// What lay under the vehicle there: that floor, or, through an opening in it, the storey below (open). What seems to stand where the nearest such place
+    /// is open is a thing of that storey, unless the laser ranged it. More than kMaxGround places of a kind: the first are forgotten.
+    void note_ground(std::int32_t floor, double x_m, double y_m, bool open);
 
     /// After the observations of a frame: joins what turned out to be one, drops candidates that stayed alone.
     /// The indices that enter() returned no longer hold.
@@ -153,7 +153,7 @@ private:
     void fuse(KnownObject& object, const Observation& observation);
     void keep_view(KnownObject& object, const Observation& observation);
     void solve(KnownObject& object) const;
-    [[nodiscard]] double from_passage_m(const KnownObject& object, double& within_m) const;
+    [[nodiscard]] bool over_opening(const KnownObject& object) const;
     [[nodiscard]] bool sure(const KnownObject& object) const;
     [[nodiscard]] bool refuted(const KnownObject& object) const;
     [[nodiscard]] bool same(const KnownObject& a, const KnownObject& b) const;
@@ -161,14 +161,17 @@ private:
     void remove(std::size_t index, std::int64_t into);
     [[nodiscard]] int reunite(std::size_t candidate);
 
-    struct Passage {
-        std::int32_t upper_floor = 0;
-        double x_m = 0.0;
-        double y_m = 0.0;
-        double within_m = 0.0;
+    struct Ground {
+        std::int32_t floor = 0;
+        float x_m = 0.0F;
+        float y_m = 0.0F;
     };
+    static constexpr std::size_t kMaxGround = 2048;
+    using Grounds = Bounded<Ground, kMaxGround>;
+    [[nodiscard]] static double nearest_m(const Grounds& grounds, std::int32_t floor, double x_m, double y_m);
     Objects objects_;
-    Bounded<Passage, kMaxOpenings> passages_;
+    Grounds open_;
+    Grounds solid_;
     Bounded<Removal, 2 * kMaxObjects> removals_;
     MemoryCounters counters_;
     SurfMatches matches_;

@@ -8,6 +8,8 @@
 namespace noctule {
 namespace {
 
+constexpr double kLevel_m = 0.04;  // change of height between two frames
+constexpr double kStorey_m = 1.0;  // under the floor, at least
 constexpr double kNear_px = 8.0;   // a region this close to where an object should show may be it
 
 }  // namespace
@@ -104,7 +106,7 @@ void Recogniser::enter(const cv::Mat& image, const std::int64_t t_us) {
         static_cast<void>(sightings_.push({part.region, static_cast<std::int32_t>(seen.features.size()), ids[n], part.place}));
         ++n;
     }
-    watch_for_passages(pose);
+    watch_ground(pose);
     look_for_absent(pose.floor);
     memory_.tidy(t_us);
     if (store_.is_open()) { static_cast<void>(store_.commit(memory_, image, t_us)); }
@@ -116,10 +118,10 @@ void Recogniser::enter(const cv::Mat& image, const std::int64_t t_us) {
     }
 }
 
-void Recogniser::watch_for_passages(const VehiclePose& pose) {
-    if (last_pose_.t_us > 0 && pose.floor != last_pose_.floor && pose.floor >= 0 && last_pose_.floor >= 0) {
-        const std::int32_t upper = pose.z_m > last_pose_.z_m ? pose.floor : last_pose_.floor;
-        memory_.note_passage(upper, pose.x_m, pose.y_m, static_cast<double>(p_.floor_safety_m));
+// In level flight only: in a shaft the height over the ground grows, too.
+void Recogniser::watch_ground(const VehiclePose& pose) {
+    if (last_pose_.t_us > 0 && pose.floor == last_pose_.floor && pose.floor >= 0 && std::fabs(pose.z_m - last_pose_.z_m) < kLevel_m && std::isfinite(pose.ground_z_m)) {
+        memory_.note_ground(pose.floor, pose.x_m, pose.y_m, pose.z_m - pose.ground_z_m > static_cast<double>(p_.cruise_height_m) + kStorey_m);
     }
     last_pose_ = pose;
 }

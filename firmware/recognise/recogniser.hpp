@@ -68,7 +68,7 @@ private:
     Placer placer_;
     Parts parts_;
     Bounded<SurfFeature, kMaxSurfFeatures> inside_;
-    void watch_for_passages(const VehiclePose& pose);
+    void watch_ground(const VehiclePose& pose);
     VehiclePose last_pose_;            ///< of the frame before; t_us 0: none
     ObjectMemory memory_;
     ObjectStore store_;
