@@ -183,10 +183,7 @@ def explored(run: Run) -> tuple[list[dict], list[tuple[float, float]]]:
                 grade.update(tile.t_us * 1e-6, tile.tile_x, tile.tile_y, tile.cell_m, tile.log_odds)
                 if index == 0:
                     series.append((tile.t_us * 1e-6, grade.explored_fraction))
-        levels = run.flight.levels
-        if index == 0 and levels is not None and levels.count > 0:
-            near = [z for z in levels.z_m[:levels.count] if abs(z) < 0.3]
-            estimate = min(near, key=abs) if near else None
+        estimate = floor_elevation_m(run.flight.levels, estimate)
         recorded = record.map_of(tiles, index)
         found, true = map_score.wall_shares(grade.floor, run.start, *recorded) if recorded is not None else (None, None)
         camera = map_score.camera_seen_fraction(grade.floor, run.truth, float(true_floor.elevation_m)) if len(run.truth["t_s"]) else None
@@ -202,6 +199,17 @@ def explored(run: Run) -> tuple[list[dict], list[tuple[float, float]]]:
             "camera_seen_fraction": _number(camera),
         })
     return rows, series
+
+
+def floor_elevation_m(levels, near_m: float | None) -> float | None:
+    """Elevation of the floor about there, as the map has it: of the nearest level of the last levels_t that faces up. Without one within 0.3 m: near_m itself,
+    or None for the floor of the start."""
+    if near_m is None:
+        return None
+    found = [z for z, facing in zip(levels.z_m[:levels.count], levels.facing) if facing > 0 and abs(z - near_m) < 0.3] if levels is not None else []
+    if found:
+        return min(found, key=lambda z: abs(z - near_m))
+    return near_m or None
 
 
 def levels_found(levels, true_levels_m: list[float]) -> list[dict]:

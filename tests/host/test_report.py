@@ -141,3 +141,15 @@ def test_tiles_read_fast_are_the_tiles_that_lcm_reads(make_run):
     for a, b in zip(slow, fast):
         assert (a.t_us, a.floor, a.tile_x, a.tile_y) == (b.t_us, b.floor, b.tile_x, b.tile_y)
         assert list(a.log_odds) == b.log_odds.tolist()
+
+
+def test_a_floors_elevation_is_that_of_its_level():
+    from types import SimpleNamespace
+
+    from noctule.report import floor_elevation_m
+
+    levels = SimpleNamespace(count=4, z_m=[0.004, 2.31, 2.47, 2.90, 2.52], facing=[1, -1, 1, 1, 1])
+    assert floor_elevation_m(levels, 2.50) == 2.47       # the nearest that faces up; what lies beyond count is none
+    assert floor_elevation_m(levels, 0.0) == 0.004
+    assert floor_elevation_m(levels, 5.4) == 5.4         # no level there: as it was read
+    assert floor_elevation_m(None, 0.0) is None and floor_elevation_m(levels, None) is None
