@@ -13,15 +13,16 @@
 
 namespace noctule {
 
-/// When hardly anything is left (less than tour_tail_share of the known area), a pocket must be worth its way: those that may reveal less than
-/// tour_worth_m times the way to them are taken out. Patches for the camera and places to pass stay.
+/// When hardly anything is left (less than tour_tail_share of the known area), a pocket must be worth its way: those behind which less than
+/// tour_worth_m times the way to them is unknown are taken out. All that is unknown behind counts, whatever the mouth: a whole room may show
+/// through a slit. Patches for the camera and places to pass stay.
 template <std::size_t Capacity>
 void keep_worthwhile(const Parameters& p, const float known_m2, Bounded<Frontier, Capacity>& stops) {
     float left_m2 = 0.0F;
     for (const Frontier& f : stops) { left_m2 += reveals_m2(p, f); }
     if (left_m2 > p.tour_tail_share * known_m2) { return; }
     const auto kept = std::remove_if(stops.begin(), stops.end(), [&p](const Frontier& f) {
-        return !f.sounding && !f.camera && reveals_m2(p, f) < p.tour_worth_m * CostField::metres(f.sight_cost, p.grid_cell_m);
+        return !f.sounding && !f.camera && p.grid_cell_m * p.grid_cell_m * static_cast<float>(f.behind) < p.tour_worth_m * CostField::metres(f.sight_cost, p.grid_cell_m);
     });
     stops.keep_front(static_cast<std::size_t>(kept - stops.begin()));
 }

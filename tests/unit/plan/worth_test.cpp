@@ -41,6 +41,7 @@ void the_last_pockets_must_be_worth_their_way() {
     TEST_ASSERT_EQUAL(1, kept(p, {pocket(10, 30, 5.9F), pocket(10, 30, 6.1F)}, out));
     TEST_ASSERT_FLOAT_WITHIN(0.05F, 5.9F, CostField::metres(out[0].sight_cost, 0.1F));
     TEST_ASSERT_EQUAL(0, kept(p, {pocket(10, 30, 20.0F)}, out));
+    TEST_ASSERT_EQUAL(1, kept(p, {pocket(4, 500, 20.0F)}, out));   // a slit, but a room may lie behind it
     Parameters all = p;
     all.tour_worth_m = 0.0F;
     TEST_ASSERT_EQUAL(2, kept(all, {pocket(10, 30, 5.9F), pocket(10, 30, 600.0F)}, out));
