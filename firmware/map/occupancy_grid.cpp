@@ -16,6 +16,7 @@ constexpr float kPassesFarByCells = 0.1F;      ///< unless it passes the mean hi
 constexpr float kHalfDiagonalCells = 0.75F;    ///< and what rounding may add
 constexpr float kReachSlackCells = 0.02F;       ///< for rounding
 constexpr float kLevelCells = 2.0F;            ///< a beam farther than this over or under the vehicle's plane does not contradict a hit
+constexpr float kHitBandM = 0.5F;              ///< a hit farther than this over the vehicle's plane is not in the hull's way
 constexpr float kTrend = 1.5F;                 ///< a wall's ranges grow faster than linearly with the beam
 constexpr float kTrendSlackM = 0.05F;          ///< for noise
 constexpr std::int32_t kGapBeams = 3;          ///< beams missing between two neighbours of a sweep
@@ -338,7 +339,9 @@ void OccupancyGrid::integrate(const Estimate& estimate, const LevelScan& scan) {
             mark_along(beam_to(o, o.x_m + (e.x_m - o.x_m) * stretch, o.y_m + (e.y_m - o.y_m) * stretch), length - half, length + half);
         } else {
             const CellId id = find_or_lay({floor_int(e.x_m), floor_int(e.y_m)});
-            if (id != kNoCell) { hit(id, e.x_m, e.y_m); }
+            // A door's lintel, met by a tilted beam, does not close the door that level beams went through.
+            const bool other_height = p.z_m > kHitBandM && cell_class(id) == CellClass::free;
+            if (id != kNoCell && !other_height) { hit(id, e.x_m, e.y_m); }
         }
     }
     for (std::size_t k = 0; k < scan.points.size(); ++k) {

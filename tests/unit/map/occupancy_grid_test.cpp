@@ -188,6 +188,27 @@ void a_tilted_beam_that_passes_over_a_thing_does_not_clear_it() {
     }
 }
 
+void a_lintel_met_by_a_tilted_beam_does_not_close_the_door() {
+    for (const float z_m : {1.1F, 0.1F}) {
+        const Parameters p;
+        const auto grid = grid_with(p);
+        LevelScan through = empty_sweep();
+        add(through, 0.0F, 6.03F, true);
+        for (int k = 0; k < 10; ++k) { grid->integrate(at(0.04F, 0.05F), through); }
+        LevelScan lintel = empty_sweep();
+        add(lintel, 0.0F, 3.03F, true);
+        lintel.points[0].z_m = z_m;
+        for (int k = 0; k < 20; ++k) { grid->integrate(at(0.04F, 0.05F), lintel); }
+        TEST_ASSERT_EQUAL(z_m > 0.5F ? CellClass::free : CellClass::occupied, grid->cell_class(Cell{30, 0}));
+        // Where nothing was known, it is a wall until a level beam says otherwise.
+        LevelScan wall = empty_sweep();
+        add(wall, 1.0F, 3.0F, true);
+        wall.points[0].z_m = z_m;
+        for (int k = 0; k < 10; ++k) { grid->integrate(at(0.04F, 0.05F), wall); }
+        TEST_ASSERT_EQUAL(CellClass::occupied, grid->cell_class(Cell{16, 25}));
+    }
+}
+
 void a_gap_without_return_is_free_only_where_both_sides_are_far() {
     const Parameters p;
     const auto near = grid_with(p);
@@ -427,6 +448,7 @@ int main() {
     RUN_TEST(what_moved_away_fades_and_what_came_appears);
     RUN_TEST(beams_that_graze_a_wall_do_not_wear_it_away);
     RUN_TEST(a_tilted_beam_that_passes_over_a_thing_does_not_clear_it);
+    RUN_TEST(a_lintel_met_by_a_tilted_beam_does_not_close_the_door);
     RUN_TEST(a_gap_without_return_is_free_only_where_both_sides_are_far);
     RUN_TEST(thick_obstacles_of_the_paper_fill_their_depth);
     RUN_TEST(bad_sweeps_are_refused_and_counted);
