@@ -1,4 +1,4 @@
-/// Objects for the atlas, from what noctule-vision says of each frame.
+/// Objects for the atlas, from what noctule-vision says of each frame. Frame Map, metres.
 #pragma once
 
 #include <cstdint>

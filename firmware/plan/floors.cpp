@@ -123,7 +123,6 @@ void FloorPlanner::confirm(const AltitudeEstimate& altitude) {
 }
 
 void FloorPlanner::observe(const Estimate& estimate, const SensorFrame& frame, const LevelScan& scan, const OccupancyGrid& grid) {
-    if (p_.floors_max <= 1) { return; }
     over_stairs_ = false;
     nearest_side_m_ = 1e9F;
     for (const ScanPoint& p : scan.points) {
@@ -133,13 +132,14 @@ void FloorPlanner::observe(const Estimate& estimate, const SensorFrame& frame, c
     follow_layer(estimate.altitude.z_m);
     const bool flying = estimate.altitude.z_m - floor_z_m(estimate.altitude) > 0.5F * p_.cruise_height_m;
     if (estimate.planar.quality < 0 || doing_ == Doing::shifting || !flying) { return; }
-    for (const RangeSample& sample : frame.range_up) { see(sample, VerticalSide::over, estimate); }
-    for (const RangeSample& sample : frame.range_down) { see(sample, VerticalSide::under, estimate); }
     const Pose2<Map, Body>& pose = estimate.planar.pose_map_body;
-    soundings_.pass(grid, pose.x_m, pose.y_m);
     if (std::isfinite(estimate.altitude.ground_z_m)) {
         over_stairs_ = stairs_.note(current_, pose.x_m, pose.y_m, estimate.altitude.ground_z_m - floor_z_m(estimate.altitude));
     }
+    if (p_.floors_max <= 1) { return; }   // stairs are in the way of a vehicle that stays on its floor, too
+    for (const RangeSample& sample : frame.range_up) { see(sample, VerticalSide::over, estimate); }
+    for (const RangeSample& sample : frame.range_down) { see(sample, VerticalSide::under, estimate); }
+    soundings_.pass(grid, pose.x_m, pose.y_m);
     confirm(estimate.altitude);
 }
 

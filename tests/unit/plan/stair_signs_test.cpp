@@ -1,16 +1,15 @@
-// Stairs are known by the ground under the way, and what is hit of them counts as nearer.
+// Stairs are known by the ground under the way.
+#include <cmath>
 #include <memory>
 
+#include "plan/floors.hpp"
 #include "plan/stair_signs.hpp"
-#include "unit/plan/closed_world.hpp"
 #include "unity.h"
 
 extern "C" void setUp(void) {}
 extern "C" void tearDown(void) {}
 
 using namespace noctule;
-using test::ClosedLoop;
-using test::FlatWorld;
 
 namespace {
 
@@ -42,39 +41,28 @@ void the_ground_of_another_floor_is_no_step() {
     TEST_ASSERT_TRUE(signs.note(0, 1.0F, 1.1F, 0.18F));
 }
 
-void what_is_hit_of_stairs_counts_as_nearer() {
-    const Parameters p;
-    FlatWorld world;
-    world.add_wall(-3.0, -3.0, 3.0, -3.0);
-    world.add_wall(-3.0, 3.0, 3.0, 3.0);
-    world.add_wall(-3.0, -3.0, -3.0, 3.0);
-    world.add_wall(3.0, -3.0, 3.0, 3.0);
-    const auto loop = std::make_unique<ClosedLoop>(p, world, 1U);
-    static_cast<void>(test::fly(*loop, 60.0));
-    const auto where = std::make_unique<Traversability>(p);
-    const auto settle = [&] {
-        for (int k = 0; k < 200; ++k) { where->update(loop->grid, 0.0F, 0.0F); }
-    };
-    settle();
-    // The walls of the map lie where the flight began: looked for along x.
-    CellId beside = kNoCell;
-    float beside_x_m = 0.0F;
-    for (float x_m = 0.0F; x_m < 3.0F && beside == kNoCell; x_m += 0.05F) {
-        if (where->clearance_cm(loop->grid.find(x_m, 0.0F)) <= 55 && where->passable(loop->grid.find(x_m, 0.0F))) {
-            beside = loop->grid.find(x_m, 0.0F);
-            beside_x_m = x_m;
+void stairs_are_watched_for_on_a_single_floor_too() {
+    for (const std::int32_t floors_max : {1, 8}) {
+        Parameters p;
+        p.floors_max = floors_max;
+        const auto floors = std::make_unique<FloorPlanner>(p);
+        const auto grid = std::make_unique<OccupancyGrid>(p);
+        const auto scan = std::make_unique<LevelScan>();
+        const auto frame = std::make_unique<SensorFrame>();
+        Estimate estimate;
+        estimate.planar.quality = 100;
+        estimate.altitude.valid = true;
+        estimate.altitude.z_m = p.cruise_height_m;
+        bool stairs = false;
+        for (int k = 0; k < 20; ++k) {
+            estimate.planar.pose_map_body.x_m = 0.1F * static_cast<float>(k);
+            estimate.altitude.ground_z_m = k < 10 ? 0.0F : 0.18F;
+            floors->observe(estimate, *frame, *scan, *grid);
+            TEST_ASSERT_TRUE(k >= 10 || !floors->over_stairs());
+            stairs = stairs || floors->over_stairs();
         }
+        TEST_ASSERT_TRUE(stairs);
     }
-    TEST_ASSERT_TRUE(beside != kNoCell);
-    const std::int32_t before_cm = where->clearance_cm(beside);
-    where->add_stairs(1, beside_x_m, 0.0F);   // of another floor: nothing
-    settle();
-    TEST_ASSERT_EQUAL_INT32(before_cm, where->clearance_cm(beside));
-    where->add_stairs(0, beside_x_m, 0.0F);
-    settle();
-    TEST_ASSERT_INT32_WITHIN(3, before_cm - 30, where->clearance_cm(beside));
-    TEST_ASSERT_FALSE(where->passable(beside));
-    TEST_ASSERT_TRUE_MESSAGE(where->passable(loop->grid.find(beside_x_m - 1.0F, 0.0F)), "the floor before the stairs is free");
 }
 
 }  // namespace
@@ -83,6 +71,6 @@ int main() {
     UNITY_BEGIN();
     RUN_TEST(treads_are_told_from_furniture);
     RUN_TEST(the_ground_of_another_floor_is_no_step);
-    RUN_TEST(what_is_hit_of_stairs_counts_as_nearer);
+    RUN_TEST(stairs_are_watched_for_on_a_single_floor_too);
     return UNITY_END();
 }

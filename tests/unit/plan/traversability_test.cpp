@@ -1,4 +1,4 @@
-// A place closed because it held the vehicle.
+// Where the hull fits: a place closed because it held the vehicle, and what is hit of stairs.
 #include <memory>
 
 #include "unit/plan/closed_world.hpp"
@@ -18,15 +18,54 @@ void settle(Traversability& where, const OccupancyGrid& grid) {
     for (int k = 0; k < 200; ++k) { where.update(grid, 0.0F, 0.0F); }
 }
 
-void a_closed_place_is_not_passed_until_its_time_is_over() {
-    const Parameters p;
+/// A room of 6 x 6 m, explored.
+std::unique_ptr<ClosedLoop> explored_room(const Parameters& p, const FlatWorld& world) {
+    auto loop = std::make_unique<ClosedLoop>(p, world, 1U);
+    static_cast<void>(test::fly(*loop, 60.0));
+    return loop;
+}
+
+FlatWorld room() {
     FlatWorld world;
     world.add_wall(-3.0, -3.0, 3.0, -3.0);
     world.add_wall(-3.0, 3.0, 3.0, 3.0);
     world.add_wall(-3.0, -3.0, -3.0, 3.0);
     world.add_wall(3.0, -3.0, 3.0, 3.0);
-    const auto loop = std::make_unique<ClosedLoop>(p, world, 1U);
-    static_cast<void>(test::fly(*loop, 60.0));
+    return world;
+}
+
+void what_is_hit_of_stairs_counts_as_nearer() {
+    const Parameters p;
+    const FlatWorld world = room();
+    const auto loop = explored_room(p, world);
+    const auto where = std::make_unique<Traversability>(p);
+    settle(*where, loop->grid);
+    // Beside the wall along x, where the hull still fits.
+    CellId beside = kNoCell;
+    float beside_x_m = 0.0F;
+    for (float x_m = 0.0F; x_m < 3.0F && beside == kNoCell; x_m += 0.05F) {
+        const CellId at = loop->grid.find(x_m, 0.0F);
+        if (where->clearance_cm(at) <= 55 && where->passable(at)) {
+            beside = at;
+            beside_x_m = x_m;
+        }
+    }
+    TEST_ASSERT_TRUE(beside != kNoCell);
+    const std::int32_t before_cm = where->clearance_cm(beside);
+    where->add_stairs(1, beside_x_m, 0.0F);   // of another floor: nothing
+    settle(*where, loop->grid);
+    TEST_ASSERT_EQUAL_INT32(before_cm, where->clearance_cm(beside));
+    where->add_stairs(0, beside_x_m, 0.0F);
+    settle(*where, loop->grid);
+    TEST_ASSERT_INT32_WITHIN(3, before_cm - 30, where->clearance_cm(beside));
+    TEST_ASSERT_FALSE(where->passable(beside));
+    TEST_ASSERT_TRUE_MESSAGE(where->passable(loop->grid.find(beside_x_m - 1.0F, 0.0F)), "the floor before the stairs is free");
+}
+
+void a_closed_place_is_not_passed_until_its_time_is_over() {
+    const Parameters p;
+    const FlatWorld world = room();
+    const auto loop = explored_room(p, world);
     const auto where = std::make_unique<Traversability>(p);
     settle(*where, loop->grid);
     const CellId here = loop->grid.find(1.05F, 1.05F);
@@ -54,6 +93,7 @@ void a_closed_place_is_not_passed_until_its_time_is_over() {
 
 int main() {
     UNITY_BEGIN();
+    RUN_TEST(what_is_hit_of_stairs_counts_as_nearer);
     RUN_TEST(a_closed_place_is_not_passed_until_its_time_is_over);
     return UNITY_END();
 }
