@@ -16,6 +16,7 @@
 #include <CLI/CLI.hpp>
 
 #include "app/computer_load.hpp"
+#include "app/heap_start.hpp"
 #include "app/parameter_file.hpp"
 #include "app/port.hpp"
 #include "app/realtime.hpp"
@@ -23,8 +24,6 @@
 #include "link/bridge.hpp"
 #include "link/lcm_bus.hpp"
 #include "streams.gen.hpp"
-
-extern "C" std::int64_t noctule_heap_allocations() __attribute__((weak));  // from the preloaded counter
 
 namespace {
 
@@ -184,7 +183,10 @@ int run(Bridge& bridge, const std::string& url, const std::string& stats_path) {
         for (const auto& port : endpoints.ground) {
             port->drain(buffer, kDatagramsPerTurn, [&](const std::span<const std::uint8_t> bytes) { bridge.from_ground(bytes); });
         }
-        if (endpoints.has_camera) { static_cast<void>(endpoints.camera_bus.handle(0)); }
+        if (endpoints.has_camera) {
+            const std::int64_t start = noctule::handle_and_count_start(endpoints.camera_bus);
+            if (heap_at_start >= 0) { heap_at_start += start; }
+        }
         if (now_us >= next_load_us) {
             next_load_us = now_us + kLoadPeriod_us;
             bridge.on_computer(computer.read(now_us));

@@ -16,14 +16,13 @@
 #include "app/atlas_contents.hpp"
 #include "app/atlas_objects.hpp"
 #include "app/atlas_writer.hpp"
+#include "app/heap_start.hpp"
 #include "app/parameter_file.hpp"
 #include "app/realtime.hpp"
 #include "app/signals.hpp"
 #include "link/lcm_bus.hpp"
 #include "link/nav_node.hpp"
 #include "streams.gen.hpp"
-
-extern "C" std::int64_t noctule_heap_allocations() __attribute__((weak));  // from the preloaded counter
 
 namespace {
 
@@ -35,7 +34,6 @@ constexpr std::int64_t kScanHold_ms = 100;      // how long a scan waits for its
 constexpr std::int64_t kSilenceFirst_ms = 3000; // before a missing peer is named
 constexpr std::int64_t kSilenceAgain_ms = 10000;
 constexpr int kPoll_ms = 20;
-constexpr std::uint64_t kStartSteps = 40;
 constexpr float kScanPeriod_us = 50000.0F;      // a step that takes longer is an overrun
 constexpr std::array<float, 11> kLimits_us{0.0F, 100.0F, 200.0F, 500.0F, 1000.0F, 2000.0F, 5000.0F, 10000.0F, 20000.0F, 50000.0F, 100000.0F};
 
@@ -248,10 +246,13 @@ int main(int argc, char** argv) {
     std::int64_t next_complaint_ns = 0;
     noctule::Watchdog watchdog;
     watchdog.ready();
-    // Start-up ends with the first step, with a camera's bus when that has brought something, or after kStartSteps: until then a bus's own reader may still allocate.
+    // Start-up ends with the first step: until then the bus's own reader may still allocate. LCM sets up a bus's lock with its first message: that of the camera's bus is start-up, too.
     std::int64_t heap_at_first_step = -1;
     while (!noctule::stop_requested()) {
-        if (!camera_url.empty()) { static_cast<void>(process.camera_bus.handle(0)); }
+        if (!camera_url.empty()) {
+            const std::int64_t start = noctule::handle_and_count_start(process.camera_bus);
+            if (heap_at_first_step >= 0) { heap_at_first_step += start; }
+        }
         if (process.bus.handle(kPoll_ms) < 0) {
             if (noctule::stop_requested()) { break; }
             std::fprintf(stderr, "noctule-nav: the LCM bus failed\n");
@@ -262,8 +263,7 @@ int main(int argc, char** argv) {
         if (node.scan_waiting() && !node.step_due() && now_ns - process.scan_since_ns > kScanHold_ms * kNanosecondsPerMillisecond) {
             node.step();  // inertial data is late: go on with what there is
         }
-        const std::uint64_t first_step = camera_url.empty() || process.camera_bus.counters().received > 0 ? 1 : kStartSteps;
-        if (heap_at_first_step < 0 && process.step_times.count() >= first_step && noctule_heap_allocations != nullptr) {
+        if (heap_at_first_step < 0 && process.step_times.count() > 0 && noctule_heap_allocations != nullptr) {
             heap_at_first_step = noctule_heap_allocations();
         }
         write_down();
