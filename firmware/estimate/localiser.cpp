@@ -43,6 +43,8 @@ constexpr float kRecognised_rad = 0.008F;
 constexpr std::int32_t kSlices = 2;   // of the search in one step
 constexpr std::size_t kRebuiltAtOnce = 40;
 
+constexpr double kGravity_m_s2 = 9.80665;
+
 // What the vehicle may have done while its clock began anew.
 constexpr double kRestartSpeed_m_s = 0.5;
 
@@ -107,7 +109,10 @@ void Localiser::push_node() {
         // Unwrapped within one sweep, so that it can be interpolated.
         yaw_rad = motion_.back().yaw_rad + std::remainder(yaw_rad - motion_.back().yaw_rad, 6.283185307179586);
     }
-    const MotionNode node{now_us_, x(InertialFilter::kX, 0), x(InertialFilter::kY, 0), yaw_rad, attitude.roll_rad, attitude.pitch_rad};
+    // What the inertial filter found of the attitude's slow error (docs/maths/localisation.md, equation 13) is taken out of the sweep's.
+    const double roll_rad = static_cast<double>(attitude.roll_rad) + x(InertialFilter::kTiltY, 0) / kGravity_m_s2;
+    const double pitch_rad = static_cast<double>(attitude.pitch_rad) - x(InertialFilter::kTiltX, 0) / kGravity_m_s2;
+    const MotionNode node{now_us_, x(InertialFilter::kX, 0), x(InertialFilter::kY, 0), yaw_rad, static_cast<float>(roll_rad), static_cast<float>(pitch_rad)};
     if (!motion_.push(node)) { motion_.back() = node; }
 }
 
@@ -432,9 +437,9 @@ void Localiser::publish(const Pose2<Map, Body>& predicted, const WallFilter::Res
         estimate_.yaw_rate_rad_s = static_cast<float>((motion_[1].yaw_rad - motion_[0].yaw_rad) / dt_s);
         estimate_.velocity_covariance = {0.01F, 0.0F, 0.01F};
     }
-    local(0, 0) += parameters_.pose_floor_m * parameters_.pose_floor_m;
-    local(1, 1) += parameters_.pose_floor_m * parameters_.pose_floor_m;
-    local(2, 2) += parameters_.pose_floor_rad * parameters_.pose_floor_rad;
+    local(0, 0) += parameters_.pose_floor_m * parameters_.pose_floor_m + level_scan_.tilt_m2;
+    local(1, 1) += parameters_.pose_floor_m * parameters_.pose_floor_m + level_scan_.tilt_m2;
+    local(2, 2) += parameters_.pose_floor_rad * parameters_.pose_floor_rad + level_scan_.tilt_rad2;
     for (std::size_t k = 0, i = 0; i < 3; ++i) {
         for (std::size_t j = i; j < 3; ++j, ++k) { estimate_.covariance[k] = local(i, j) + result.map_drift(i, j); }
     }

@@ -303,7 +303,10 @@ void WallFilter::update_particle(Particle& particle, const std::size_t index, co
 
     // Pose against Map's start: how well the scan ties it to the walls, and how well those are tied.
     drift_[index] = slowly(drift_of(particle, assigned, walls.size()));
-    const Matrix<float, 3, 3> absolute = drift_[index] + left_after(whole_covariance_, belief.lambda);
+    Matrix<float, 3, 3> absolute = drift_[index] + left_after(whole_covariance_, belief.lambda);
+    absolute(0, 0) += tilt_m2_;
+    absolute(1, 1) += tilt_m2_;
+    absolute(2, 2) += tilt_rad2_;
     for (std::size_t j = 0; j < walls.size(); ++j) {
         if (assigned[j].landmark >= 0) {
             learn(particle.landmarks[static_cast<std::size_t>(assigned[j].landmark)], walls[j], particle.pose, assigned[j].noise_scale);

@@ -171,6 +171,8 @@ private:
     Matrix<float, 3, 3> map_drift_;             ///< of the best particle after the last update
     std::array<float, kBearingBins> farthest_m_{};
     float range_max_m_ = 0.0F;
+    float tilt_m2_ = 0.0F;
+    float tilt_rad2_ = 0.0F;
     float rough_ = 1.0F;   ///< laser noise found over the one told
     Result result_;
     std::array<Particle, kMaxParticles> particles_{};

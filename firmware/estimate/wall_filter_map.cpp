@@ -164,6 +164,8 @@ void WallFilter::merge_landmarks(Particle& particle) {
 void WallFilter::prepare_bearings(const LevelScan& scan) {
     farthest_m_.fill(0.0F);
     range_max_m_ = scan.range_max_m;
+    tilt_m2_ = scan.tilt_m2;
+    tilt_rad2_ = scan.tilt_rad2;
     rough_ = scan.range_noise_m > 0.0F ? scan.range_noise_m / parameters_.laser_range_noise_m : 1.0F;
     constexpr float kScale = static_cast<float>(kBearingBins) / (2.0F * kPi);
     for (const ScanPoint& point : scan.points) {

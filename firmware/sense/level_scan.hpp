@@ -27,6 +27,10 @@ struct LevelScan {
     float range_max_m = 0.0F;
     float bearing_increment_rad = 0.0F;
     float range_noise_m = 0.0F;       ///< standard deviation to reckon with (RangeNoise)
+    float rise_forward = 0.0F;        ///< of the sweep's plane, per metre forward and left
+    float rise_left = 0.0F;
+    float tilt_m2 = 0.0F;             ///< what doubt about roll and pitch leaves of doubt about the pose (docs/maths/walls.md, equation 9)
+    float tilt_rad2 = 0.0F;
     Bounded<ScanPoint, kMaxBeams> points;
 };
 

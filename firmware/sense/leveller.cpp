@@ -80,6 +80,8 @@ void Leveller::level(const Scan& scan, const SweepMotion& motion, const HeightBo
     out.points.clear();
 
     const MotionNode& stamp = motion.back();
+    float heights_m = 0.0F;   // of the hits over the laser, summed
+    std::int32_t hits = 0;
     const auto count = static_cast<std::size_t>(scan.count);
     const bool moves = parameters_.deskew != 0 && scan.time_increment_us > 0.0F;
     // The rotation is exact at every kBlock-th beam (0.6 ms apart on the default laser) and linear between.
@@ -125,7 +127,18 @@ void Leveller::level(const Scan& scan, const SweepMotion& motion, const HeightBo
             continue;
         }
         static_cast<void>(out.points.push({end[0], end[1], end[2], laser[0], laser[1], range_m, static_cast<std::int16_t>(i), !nothing_hit}));
+        if (nothing_hit) { continue; }
+        heights_m += end[2] - laser[2];
+        ++hits;
     }
+    // A sweep turned about a level axis by a small error moves each point by its height (docs/maths/walls.md, equation 9).
+    const BodyPose level = relative_to(stamp, stamp, parameters_);
+    out.rise_forward = level.forward[2];
+    out.rise_left = level.left[2];
+    const float doubt_rad2 = parameters_.tilt_noise_rad * parameters_.tilt_noise_rad;
+    const float mean_m = hits > 0 ? heights_m / static_cast<float>(hits) : 0.0F;
+    out.tilt_m2 = doubt_rad2 * mean_m * mean_m;
+    out.tilt_rad2 = 0.25F * doubt_rad2 * (out.rise_forward * out.rise_forward + out.rise_left * out.rise_left);
 }
 
 }  // namespace noctule

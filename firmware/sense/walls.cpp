@@ -27,6 +27,8 @@ constexpr float kRoundTurnMax_rad = 0.6F;      // 34 degrees; bay windows turn b
 constexpr float kRoundTouch_m = 0.4F;
 constexpr double kMergeChi2 = 14.0;            // chi-square of two degrees of freedom, one in a thousand
 constexpr double kRoughness = 2.0;             // mean squared residual over variance
+// Of what doubt about roll and pitch does to a wall: the part that fades from sweep to sweep. The rest is told with the pose.
+constexpr float kTiltShare = 0.5F;
 
 }  // namespace
 
@@ -351,8 +353,13 @@ void WallExtractor::fit_and_add(const LevelScan& scan) {
     const float rough = noise_m_ / parameters_.laser_range_noise_m;
     const float floor_m = rough * parameters_.wall_floor_m;
     const float floor_rad = rough * parameters_.wall_floor_rad;
-    const auto offset_var = static_cast<float>(1.0 / m.weight) + floor_m * floor_m;
-    const auto direction_var = static_cast<float>(1.0 / u2) + floor_rad * floor_rad;
+    // Equation 9: what an error of roll and pitch does to a wall that a leaning sweep meets above or below the laser.
+    const float middle_z_m = scan.rise_forward * static_cast<float>(m.mean_x) + scan.rise_left * static_cast<float>(m.mean_y);
+    const float rise = scan.rise_left * normal_x - scan.rise_forward * normal_y;
+    const float tilt_m = kTiltShare * parameters_.tilt_noise_rad * middle_z_m;
+    const float tilt_rad = kTiltShare * parameters_.tilt_noise_rad * rise;
+    const auto offset_var = static_cast<float>(1.0 / m.weight) + floor_m * floor_m + tilt_m * tilt_m;
+    const auto direction_var = static_cast<float>(1.0 / u2) + floor_rad * floor_rad + tilt_rad * tilt_rad;
     wall.covariance = LineCovariance{offset_var, 0.0F, direction_var}.sheared(wall.lever_m);
 
     std::size_t index = walls_.size();
