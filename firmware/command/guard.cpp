@@ -5,6 +5,7 @@
 #include <limits>
 
 #include "plan/fence.hpp"
+#include "plan/target.hpp"
 
 namespace noctule {
 
@@ -13,8 +14,7 @@ namespace {
 constexpr float kReachM = 1.6F;         ///< hit points farther than this cannot matter within a step
 constexpr float kBlindReachM = 1.0F;    ///< in the sector that the laser does not see the grid's hits stand in
 constexpr float kForesightS = 0.4F;     ///< motion this far ahead must stay clear
-constexpr float kAnswerS = 0.25F;       ///< until the vehicle brakes because of a setpoint
-constexpr float kStopShare = 0.8F;      ///< of the acceleration limit: what a vehicle is sure to brake with
+constexpr float kGentleShare = 0.85F;    ///< of the speed from which it can stop: from there on it is slowed, at that speed it is stopped
 constexpr float kTurnBackS = 0.5F;      ///< the setpoint is drawn back by what is too fast in this time
 constexpr float kMeanArcM = 0.008F;     ///< hit points this far to either side count into the mean range: noise has no say
 constexpr float kMeanSigmas = 2.0F;     ///< but not what lies deeper or nearer than the noise explains: a wall seen along its face recedes
@@ -224,12 +224,14 @@ bool Guard::brake(const Estimate& estimate) {
     const float vy = estimate.planar.vy_m_s;
     const float speed = std::hypot(vx, vy);
     if (!(speed > 0.05F)) { return false; }
-    const float brake_m_s2 = kStopShare * p_.accel_max_m_s2;
     const float ux = vx / speed;
     const float uy = vy / speed;
-    const float stop_m = speed * kAnswerS + 0.5F * speed * speed / brake_m_s2;
+    const float stop_m = stopping_m(p_, speed / kGentleShare);
     const float least_m = p_.hull_radius_m + std::min(p_.guard_least_m, p_.guard_margin_m);
     float worst = 0.0F;
+    float held = 0.0F;
+    float may = 0.0F;
+    float over = 0.0F;
     float nx = 0.0F;
     float ny = 0.0F;
     for (const Near& n : near_) {
@@ -242,28 +244,32 @@ bool Guard::brake(const Estimate& estimate) {
         // The hull meets it after this way: what is left to brake in, against what braking takes.
         const float way_m = along - std::sqrt(least_m * least_m - aside2);
         if (way_m >= stop_m) { continue; }
-        const float lag = brake_m_s2 * kAnswerS;
-        const float allowed = way_m > 0.0F ? std::sqrt(lag * lag + 2.0F * brake_m_s2 * way_m) - lag : 0.0F;
+        const float allowed = stops_from_m_s(p_, way_m);
         // Along the line to the point, of which the motion has this share.
         const float r = std::max(std::hypot(rx, ry), 1e-3F);
-        const float excess = (speed - allowed) * along / r;
+        const float cosine = along / r;
+        const float excess = (speed - kGentleShare * allowed) * cosine;
         if (excess > worst) {
             worst = excess;
+            held = speed < allowed ? (speed - kGentleShare * allowed) / ((1.0F - kGentleShare) * allowed) : 1.0F;
+            may = (1.0F - held) * allowed * cosine;
+            over = std::max(0.0F, speed - allowed) * cosine;
             nx = rx / r;
             ny = ry / r;
         }
     }
     if (worst <= 0.0F) { return false; }
+    // Stopped at once it swings, beside the very thing: it is slowed before, the more the nearer it is to what it could not stop from.
     const float here = (out_.x_m - pose.x_m) * nx + (out_.y_m - pose.y_m) * ny;
-    const float back = here + kTurnBackS * worst;
+    const float back = held * (here + kTurnBackS * over);
     if (back > 0.0F) {
         draw_x_m_ -= back * nx;
         draw_y_m_ -= back * ny;
     }
     const float towards = out_.vx_m_s * nx + out_.vy_m_s * ny;
-    if (towards > 0.0F) {
-        out_.vx_m_s -= towards * nx;
-        out_.vy_m_s -= towards * ny;
+    if (towards > may) {
+        out_.vx_m_s -= (towards - may) * nx;
+        out_.vy_m_s -= (towards - may) * ny;
     }
     return true;
 }

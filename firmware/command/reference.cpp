@@ -22,17 +22,21 @@ constexpr float kVelocityTimeS = 0.2F;   ///< in which the velocity wanted is re
 constexpr float kAheadM = 0.12F;         ///< least distance at which the path is aimed at
 constexpr float kAheadS = 0.20F;         ///< and more with speed
 constexpr std::size_t kCurveSpan = 3;    ///< points before and after over which the path's curve is measured
+constexpr float kUnheldShare = 0.8F;      ///< of the speed from which the guard would stop the vehicle
+constexpr float kTightM = 0.10F;          ///< hull to obstacle: nearer than this everything is slower still, in proportion
+constexpr float kTightSlowest = 0.5F;     ///< share of the speed at least, and of the least speed where the way straight on is short
 constexpr float kDoneM = 0.01F;
 constexpr float kHeightTimeS = 0.5F;
 constexpr float kHeightAheadM = 0.35F;   ///< of the reference over or under the estimate, at most
 constexpr float kYawAheadRad = 0.6F;
-constexpr float kTurnNearShare = 0.5F;   ///< of the yaw rate beside obstacles: an autopilot whose accelerometer has a bias sways as it turns
+constexpr float kTurnNearShare = 0.3F;   ///< of the yaw rate beside obstacles: an autopilot whose accelerometer has a bias sways as it turns
 constexpr float kTurnNearM = 0.10F;      ///< hull to obstacle there
 constexpr float kTurnFreeM = 0.30F;      ///< from which it turns at the full rate
-constexpr float kAnswerS = 0.03F;        ///< from a scan to the moment in which its setpoint takes effect
+constexpr float kTakesEffectS = 0.03F;   ///< from a scan to the moment in which its setpoint takes effect
 constexpr float kMostFeedbackM_S = 0.25F;
 constexpr float kExpectedStrayM = 0.02F; ///< what a vehicle may stray without being slowed down for it
 constexpr float kStrayLeastM = 0.025F;   ///< off the reference by this much it is waited for, however narrow the place
+constexpr float kAsideLeastM = 0.015F;   ///< beside the line by this much, too
 constexpr float kStraySlowest = 0.15F;   ///< share of the speed left then
 
 float clamp_step(const float from, const float to, const float step) { return from + std::clamp(to - from, -step, step); }
@@ -68,8 +72,8 @@ void Reference::settle(const Setpoint& sent) {
 // Where the vehicle should be by now, less where it is.
 void Reference::measure(const Estimate& estimate, const float dt_s) {
     const Pose2<Map, Body>& pose = estimate.planar.pose_map_body;
-    short_x_m_ = now_.x_m + (dt_s - kAnswerS) * now_.vx_m_s - pose.x_m;
-    short_y_m_ = now_.y_m + (dt_s - kAnswerS) * now_.vy_m_s - pose.y_m;
+    short_x_m_ = now_.x_m + (dt_s - kTakesEffectS) * now_.vx_m_s - pose.x_m;
+    short_y_m_ = now_.y_m + (dt_s - kTakesEffectS) * now_.vy_m_s - pose.y_m;
     short_vx_m_s_ = now_.vx_m_s - estimate.planar.vx_m_s;
     short_vy_m_s_ = now_.vy_m_s - estimate.planar.vy_m_s;
 }
@@ -88,6 +92,8 @@ float Reference::allowed_speed_m_s(const Target& target) const {
         // Equation (7): what the vehicle strays is not there to fly in.
         const float stray_m = std::max(0.0F, response_.strays_m() - kExpectedStrayM);
         float limit = speed_at_clearance_m_s(p_, path[k].clearance_m - stray_m);
+        limit *= std::clamp((path[k].clearance_m - p_.hull_radius_m) / kTightM, kTightSlowest, 1.0F);
+        limit = std::min(limit, std::max(kTightSlowest * p_.speed_near_m_s, kUnheldShare * stops_from_m_s(p_, path[k].way_m - stray_m)));
         if (k >= kCurveSpan && k + kCurveSpan < path.size()) {
             const PathPoint& a = path[k - kCurveSpan];
             const PathPoint& b = path[k];
@@ -120,9 +126,11 @@ float Reference::least_ahead_m(const Target& target) {
 }
 
 // Equation (8): a vehicle that is off the reference by more than half the room to the sides ahead is waited for.
-float Reference::patience(const Target& target) const {
-    const float may_m = std::max(kStrayLeastM, 0.5F * (least_ahead_m(target) - p_.hull_radius_m));
-    return std::clamp(2.0F - std::hypot(short_x_m_, short_y_m_) / may_m, kStraySlowest, 1.0F);
+float Reference::patience(const Target& target, const float ux, const float uy) const {
+    const float room_m = least_ahead_m(target) - p_.hull_radius_m;
+    const float off = std::hypot(short_x_m_, short_y_m_) / std::max(kStrayLeastM, 0.5F * room_m);
+    const float aside = std::fabs(short_x_m_ * uy - short_y_m_ * ux) / std::max(kAsideLeastM, 0.25F * room_m);
+    return std::clamp(2.0F - std::max(off, aside), kStraySlowest, 1.0F);
 }
 
 void Reference::move_along(const Target& target, const Estimate& estimate, const float dt_s) {
@@ -163,7 +171,7 @@ void Reference::move_along(const Target& target, const Estimate& estimate, const
             if (path.size() == 1U) {  // a single point: straight to it
                 v = std::min(speed_at_clearance_m_s(p_, path[0].clearance_m), std::sqrt(2.0F * kBrakeShare * p_.accel_max_m_s2 * left));
             }
-            v = std::min(v, left / kVelocityTimeS * 0.7F) * patience(target);
+            v = std::min(v, left / kVelocityTimeS * 0.7F) * patience(target, ux, uy);
             if (speed > 0.15F) {  // turning round: brake first, so that the old motion does not carry into what the path avoids
                 const float along = (now_.vx_m_s * ux + now_.vy_m_s * uy) / speed;
                 v *= std::clamp(along, 0.1F, 1.0F);
@@ -255,11 +263,11 @@ const Setpoint& Reference::step(const Estimate& estimate, const Target& target, 
             response_.rest();
             short_x_m_ = short_y_m_ = short_vx_m_s_ = short_vy_m_s_ = 0.0F;
         } else {
-            response_.step(ax_m_s2_, ay_m_s2_, short_x_m_, short_y_m_, dt_s);
+            response_.step(ax_m_s2_, ay_m_s2_, short_x_m_, short_y_m_, short_vx_m_s_, short_vy_m_s_, dt_s);
         }
         move_along(target, estimate, dt_s);
         move_height(target, estimate, dt_s);
-        turn(target.mode == Target::Mode::hold ? now_.yaw_rad : target.yaw_rad, target.path.empty() ? 1.0F : target.path[0].clearance_m, estimate, dt_s);
+        turn(target.mode == Target::Mode::hold ? now_.yaw_rad : target.yaw_rad, least_ahead_m(target), estimate, dt_s);
     }
     sent_ = now_;
     // Equation (6): lead and feedback, as far as the speed limit lets them through.

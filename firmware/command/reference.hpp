@@ -37,7 +37,7 @@ private:
     [[nodiscard]] float allowed_speed_m_s(const Target& target) const;
     void measure(const Estimate& estimate, float dt_s);
     [[nodiscard]] static float least_ahead_m(const Target& target);
-    [[nodiscard]] float patience(const Target& target) const;
+    [[nodiscard]] float patience(const Target& target, float ux, float uy) const;
 
     const Parameters& p_;
     Setpoint now_;

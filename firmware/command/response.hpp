@@ -10,8 +10,8 @@ public:
     /// Forgets the motion, not what was learned: the vehicle stands, or the setpoints were not the reference's.
     void rest();
 
-    /// The reference moved with this acceleration for dt_s; the vehicle was then measured (error_x, error_y) short of it.
-    void step(float ax_m_s2, float ay_m_s2, float error_x_m, float error_y_m, float dt_s);
+    /// The reference moved with this acceleration for dt_s; the vehicle was then measured (error_x, error_y) short of it and (error_vx, error_vy) slower.
+    void step(float ax_m_s2, float ay_m_s2, float error_x_m, float error_y_m, float error_vx_m_s, float error_vy_m_s, float dt_s);
 
     /// Velocity to add to the feed-forward per acceleration of the reference [s].
     [[nodiscard]] float lead_s() const { return lead_s_; }

@@ -22,6 +22,12 @@ constexpr float kRoomM = 0.18F;
 constexpr float kCutM = 0.025F;        ///< clearance lacking to hull and margin from which the line is cut off: more than the noise of hit points
 constexpr float kCentreM = 0.14F;      ///< hull and less than this: the line is centred exactly
 constexpr float kCentreSteps[] = {0.02F, 0.01F, 0.005F, 0.0025F};
+constexpr float kCapM = 0.01F * static_cast<float>(Traversability::kCapCm);
+constexpr float kAstray = 0.2F;        ///< the way straight on is free if it is free within this angle to both sides
+constexpr std::int32_t kSlideSteps = 8;
+constexpr float kSlideLeastM = 0.01F;
+constexpr float kEnoughShare = 1.25F;  ///< of what stopping takes, and kEnoughM: a way longer than this bounds no speed
+constexpr float kEnoughM = 0.10F;
 constexpr float kLongestM = 3.0F;      ///< of the path ahead: twice what stopping from full speed needs
 
 }  // namespace
@@ -205,6 +211,22 @@ void Potential::centre(const OccupancyGrid& grid, Bounded<PathPoint, kMaxPathPoi
     }
 }
 
+// The hull slides straight on, growing as it may stray from that line: each step is as long as nothing at all can be nearer.
+float Potential::way_m(const OccupancyGrid& grid, const PathPoint& from, const float ux, const float uy) const {
+    const float least_m = p_.hull_radius_m + std::min(p_.guard_least_m, p_.guard_margin_m);
+    const float enough_m = kEnoughShare * stopping_m(p_, speed_at_clearance_m_s(p_, from.clearance_m)) + kEnoughM;
+    float way_m = 0.0F;
+    float clear_m = from.clearance_m;
+    for (std::int32_t step = 0; step < kSlideSteps; ++step) {
+        const float free_m = clear_m - least_m - kAstray * way_m;
+        way_m += std::max(0.0F, free_m) / (1.0F + kAstray);
+        if (way_m >= enough_m) { return PathPoint{}.way_m; }
+        if (free_m < kSlideLeastM) { break; }
+        clear_m = grid.clearance_m(from.x_m + way_m * ux, from.y_m + way_m * uy, kCapM);
+    }
+    return way_m;
+}
+
 // An elastic band: each inner point is drawn to the middle of its neighbours and pushed away from the nearest hit point.
 void Potential::smooth(const OccupancyGrid& grid, Bounded<PathPoint, kMaxPathPoints>& path) const {
     const float wanted_m = std::min(p_.comfort_clearance_m, p_.hull_radius_m + 0.25F);
@@ -233,7 +255,14 @@ void Potential::smooth(const OccupancyGrid& grid, Bounded<PathPoint, kMaxPathPoi
         }
     }
     centre(grid, path);
-    for (PathPoint& p : path) { p.clearance_m = grid.clearance_m(p.x_m, p.y_m, 0.01F * static_cast<float>(Traversability::kCapCm)); }
+    for (PathPoint& p : path) { p.clearance_m = grid.clearance_m(p.x_m, p.y_m, kCapM); }
+    for (std::size_t k = 0; k + 1U < path.size(); ++k) {
+        const PathPoint& before = path[k > 0U ? k - 1U : 0U];
+        const float dx = path[k + 1U].x_m - before.x_m;
+        const float dy = path[k + 1U].y_m - before.y_m;
+        const float length = std::hypot(dx, dy);
+        if (length > 1e-3F) { path[k].way_m = way_m(grid, path[k], dx / length, dy / length); }
+    }
     // What the band may have drawn too near to something is cut off: the reference stops before it.
     const float least_m = std::min(p_.hull_radius_m + p_.plan_margin_m - kCutM, path[0].clearance_m);
     std::size_t keep = 1;

@@ -4,6 +4,7 @@
 #include <cstdint>
 
 #include <algorithm>
+#include <cmath>
 
 #include "core/bounded.hpp"
 #include "core/capacity.hpp"
@@ -16,6 +17,7 @@ struct PathPoint {
     float x_m = 0.0F;
     float y_m = 0.0F;
     float clearance_m = 0.0F;  ///< from here to the nearest known hit point, at most about 0.8 m
+    float way_m = 10.0F;       ///< free straight on from here, along the path's direction; 10: more than stopping takes
 };
 
 /// Speed allowed where the nearest hit point is this far from the centre of the hull: the full one from the comfortable
@@ -25,6 +27,21 @@ struct PathPoint {
     const float high_m = std::max(p.comfort_clearance_m, low_m + 0.01F);
     const float near_m_s = std::min(p.speed_near_m_s, p.speed_max_m_s);
     return near_m_s + (p.speed_max_m_s - near_m_s) * std::clamp((clearance_m - low_m) / (high_m - low_m), 0.0F, 1.0F);
+}
+
+constexpr float kAnswerS = 0.25F;    ///< until the vehicle brakes because of a setpoint
+constexpr float kStopShare = 0.8F;   ///< of the acceleration limit: what a vehicle is sure to brake with
+
+/// Speed from which it stops within a way. docs/maths/command.md, equation (1a).
+[[nodiscard]] inline float stops_from_m_s(const Parameters& p, const float way_m) {
+    const float brake_m_s2 = kStopShare * p.accel_max_m_s2;
+    const float lag_m_s = brake_m_s2 * kAnswerS;
+    return way_m > 0.0F ? std::sqrt(lag_m_s * lag_m_s + 2.0F * brake_m_s2 * way_m) - lag_m_s : 0.0F;
+}
+
+/// The way it takes to stop from a speed.
+[[nodiscard]] inline float stopping_m(const Parameters& p, const float speed_m_s) {
+    return speed_m_s * kAnswerS + 0.5F * speed_m_s * speed_m_s / (kStopShare * p.accel_max_m_s2);
 }
 
 struct Target {

@@ -100,14 +100,14 @@ void it_then_keeps_to_the_reference() {
 
 void a_vehicle_that_follows_at_once_gets_no_lead() {
     Response r;
-    for (int k = 0; k < 2000; ++k) { r.step(k % 80 < 40 ? 0.5F : -0.5F, 0.2F, 0.0F, 0.0F, kDt); }
+    for (int k = 0; k < 2000; ++k) { r.step(k % 80 < 40 ? 0.5F : -0.5F, 0.2F, 0.0F, 0.0F, 0.0F, 0.0F, kDt); }
     TEST_ASSERT_FLOAT_WITHIN(1e-3F, 0.0F, r.lead_s());
     TEST_ASSERT_EQUAL_FLOAT(0.0F, r.strays_m());
 }
 
 void errors_without_motion_teach_no_lead() {
     Response r;
-    for (int k = 0; k < 2000; ++k) { r.step(0.0F, 0.0F, 0.05F, -0.03F, kDt); }
+    for (int k = 0; k < 2000; ++k) { r.step(0.0F, 0.0F, 0.05F, -0.03F, 0.0F, 0.0F, kDt); }
     TEST_ASSERT_EQUAL_FLOAT(0.0F, r.lead_s());
     TEST_ASSERT_FLOAT_WITHIN(1e-3F, std::hypot(0.05F, 0.03F), r.strays_m());
 }
