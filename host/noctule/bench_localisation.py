@@ -3,17 +3,25 @@
 Scripted flights (planar_profile.py) and logs (carmen.py) drive the very Localiser that flies. Errors are those of the pose at
 each sweep, the first pose on truth, nothing fitted. Shared data is looked for beside the repository; where it is absent
 the row is left out and 'skipped: no data' is printed. Times are processor time of the thread.
+
+The whole is made of parts (one log, one scene), as many at a time as there are cores, each kept under runs/bench/localisation: a
+bench that was stopped goes on where it was.
 """
 
 from __future__ import annotations
 
+import hashlib
+import json
 import math
+import os
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 
 import numpy as np
 
 from noctule import carmen, planar_profile, planar_scenes
-from noctule.bench import data_folder, row
+from noctule.bench import FOLDER, data_folder, row
 from noctule.localise import compose, memory_bytes
 from noctule.planar_profile import Errors, Motion
 from noctule.planar_scenes import Plan
@@ -23,6 +31,7 @@ NEES_SEEDS, QUICK_NEES_SEEDS = 50, 10
 PAPER_STEPS = 676
 PAPER_S = PAPER_STEPS * 0.05
 SPIN_RAD_S = 1.0
+LONG = ("loop_500m", "freiburg-079", "paper")   # parts that take longest
 FAR_M = 0.10                 # off by more than this, a pose should not be called good
 CM = 100.0
 
@@ -80,35 +89,31 @@ def synth_rows(folder: Path) -> list[dict]:
             row("synth10r: entering the map, median", float(np.median(track.map_us)) * 1e-3, "ms")]
 
 
-def real_rows(folder: Path) -> list[dict]:
-    """The logs of real buildings against their relations, with the flight's defaults. The trajectory judged is that of each moment.
+def real_rows(folder: Path, name: str, relations: str, reference: str, must: str, aim: str, must_deg: str) -> list[dict]:
+    """The log of a real building against its relations, with the flight's defaults. The trajectory judged is that of each moment.
 
     Judged on every second relation, told as the others tell (carmen.calibrate): relations have a clock and a point of the robot of
     their own. Beside it all of them as they stand, and without the scan match.
     """
     rows = []
-    for name, relations, reference, must, aim, must_deg in REAL_LOGS:
-        if not (folder / f"{name}.clf.gz").is_file():
-            print(f"{name}: skipped: no data", flush=True)
-            continue
-        log, truth = carmen.read(folder / f"{name}.clf.gz"), carmen.read_relations(folder / relations)
-        for label, parameters in ((name, {}), (f"{name}, without the scan match", {"scan_match": 0})):
-            track = carmen.track(log, parameters)
-            us = track.localise_us
-            if label == name:
-                convention = carmen.calibrate(log, track.t_s, track.poses, truth[::2])
-            errors = carmen.relation_errors(log, track.t_s, track.poses, truth[1::2], convention)
-            limits = (must, aim, must_deg) if label == name else (None, None, None)
-            rows += [*error_rows(f"{label}: relations", errors, reference, *limits),
-                     *error_rows(f"{label}: relations as they stand", carmen.relation_errors(log, track.t_s, track.poses, truth), reference),
-                     row(f"{label}: steps that said lost", sum(s.quality < 0 for s in track.steps), f"of {len(track.steps)}"),
-                     row(f"{label}: one step, median", float(np.median(us)) * 1e-3, "ms"),
-                     row(f"{label}: one step, 99 %", float(np.percentile(us, 99)) * 1e-3, "ms")]
-            if label == name:
-                rows += [row(f"{name}: the relations' clock: log less relations", convention.clock_s, "s"),
-                         row(f"{name}: the relations tell poses of sweeps", int(convention.same_sweep_s > 0.0), "1: yes"),
-                         row(f"{name}: the relations' point before that of the log", convention.x_m, "m"),
-                         row(f"{name}: the relations' point left of that of the log", convention.y_m, "m")]
+    log, truth = carmen.read(folder / f"{name}.clf.gz"), carmen.read_relations(folder / relations)
+    for label, parameters in ((name, {}), (f"{name}, without the scan match", {"scan_match": 0})):
+        track = carmen.track(log, parameters)
+        us = track.localise_us
+        if label == name:
+            convention = carmen.calibrate(log, track.t_s, track.poses, truth[::2])
+        errors = carmen.relation_errors(log, track.t_s, track.poses, truth[1::2], convention)
+        limits = (must, aim, must_deg) if label == name else (None, None, None)
+        rows += [*error_rows(f"{label}: relations", errors, reference, *limits),
+                 *error_rows(f"{label}: relations as they stand", carmen.relation_errors(log, track.t_s, track.poses, truth), reference),
+                 row(f"{label}: steps that said lost", sum(s.quality < 0 for s in track.steps), f"of {len(track.steps)}"),
+                 row(f"{label}: one step, median", float(np.median(us)) * 1e-3, "ms"),
+                 row(f"{label}: one step, 99 %", float(np.percentile(us, 99)) * 1e-3, "ms")]
+        if label == name:
+            rows += [row(f"{name}: the relations' clock: log less relations", convention.clock_s, "s"),
+                     row(f"{name}: the relations tell poses of sweeps", int(convention.same_sweep_s > 0.0), "1: yes"),
+                     row(f"{name}: the relations' point before that of the log", convention.x_m, "m"),
+                     row(f"{name}: the relations' point left of that of the log", convention.y_m, "m")]
     return rows
 
 
@@ -131,15 +136,23 @@ def paper_rows(seeds: int, nees_seeds: int) -> list[dict]:
     us = np.concatenate([e.localise_us for e in usual])
     rows += [row("one step, 1080 beams, 100 particles: median", float(np.median(us)) * 1e-3, "ms", "hector 0.23, gmapping 1167", "<= 1.0", "<= 0.25"),
              row("one step, 1080 beams, 100 particles: 99 %", float(np.percentile(us, 99)) * 1e-3, "ms", "hector 0.57", "<= 3.0", "<= 0.8")]
-    show(rows)
-    (flights,) = fly(plan, motion, seeds_to(seeds), planar_profile.profile(0.01, 50))
-    rows += show(position_rows("paper's set-up, 1 cm, 50 Hz", flights, "paper 8", "<= 1.0", "<= 2.0", "<= 0.4"))
-    for hz in (250, 50):
-        untold, told = fly(plan, motion, seeds_to(seeds), planar_profile.profile(0.03, hz), {}, {"laser_range_noise_m": 0.03})
-        rows += show(position_rows(f"paper's set-up, 3 cm, {hz} Hz", untold, None, "<= 2.5", None, "<= 1.0"))
-        rows += show(position_rows(f"the same with LASER_NOISE = 0.03, {hz} Hz", told, None, "<= 2.5", None, "<= 1.0"))
     (more,) = fly(plan, motion, seeds_to(nees_seeds, seeds + 1), planar_profile.profile())
-    return rows + show(nees_rows([*usual, *more]))
+    return rows + nees_rows([*usual, *more])
+
+
+def slow_rows(seeds: int) -> list[dict]:
+    """The paper's set-up with inertial data at 50 Hz."""
+    plan = planar_scenes.rooms()
+    (flights,) = fly(plan, Motion(plan, PAPER_S), seeds_to(seeds), planar_profile.profile(0.01, 50))
+    return position_rows("paper's set-up, 1 cm, 50 Hz", flights, "paper 8", "<= 1.0", "<= 2.0", "<= 0.4")
+
+
+def noise_rows(seeds: int, hz: int) -> list[dict]:
+    """The paper's set-up at 3 cm noise, not told and told."""
+    plan = planar_scenes.rooms()
+    untold, told = fly(plan, Motion(plan, PAPER_S), seeds_to(seeds), planar_profile.profile(0.03, hz), {}, {"laser_range_noise_m": 0.03})
+    return [*position_rows(f"paper's set-up, 3 cm, {hz} Hz", untold, None, "<= 2.5", None, "<= 1.0"),
+            *position_rows(f"the same with LASER_NOISE = 0.03, {hz} Hz", told, None, "<= 2.5", None, "<= 1.0")]
 
 
 def skew_rows(seeds: int) -> list[dict]:
@@ -173,20 +186,16 @@ def untold(e: Errors) -> np.ndarray:
     return (e.position_m > FAR_M) & ~e.lost_at & (e.nees > chi2.ppf(0.999, 3))
 
 
-def harder_rows(seeds: int) -> list[dict]:
-    """Where walls alone do not help, and where drift shows. Lost is no fault there; being off and not saying so is."""
-    rows = []
-    for make, seconds, closure, closure_aim in HARDER:
-        plan = make()
-        (flights,) = fly(plan, Motion(plan, seconds), seeds_to(seeds), planar_profile.profile())
-        some = position_rows(plan.name, flights, None, None, None, "<= 5")
-        some += [row(f"{plan.name}: position error, greatest", float(CM * max(e.position_m.max() for e in flights)), "cm"),
-                 row(f"{plan.name}: over 0.1 m off with good quality", float(np.mean([((e.position_m > FAR_M) & ~e.lost_at).mean() for e in flights])), "of steps"),
-                 row(f"{plan.name}: and not covered by the covariance either", sum(bool(untold(e).any()) for e in flights), f"of {len(flights)} flights", None, "== 0"),
-                 row(f"{plan.name}: pose jumps said", sum(e.resets for e in flights), "-"),
-                 row(f"{plan.name}: position error at the end, greatest", float(CM * max(e.position_m[-1] for e in flights)), "cm", None, closure, closure_aim)]
-        rows += show(some)
-    return rows
+def harder_rows(seeds: int, make: Callable[[], Plan], seconds: float, closure: str | None, closure_aim: str | None) -> list[dict]:
+    """A scene where walls alone do not help, or where drift shows. Lost is no fault there; being off and not saying so is."""
+    plan = make()
+    (flights,) = fly(plan, Motion(plan, seconds), seeds_to(seeds), planar_profile.profile())
+    return [*position_rows(plan.name, flights, None, None, None, "<= 5"),
+            row(f"{plan.name}: position error, greatest", float(CM * max(e.position_m.max() for e in flights)), "cm"),
+            row(f"{plan.name}: over 0.1 m off with good quality", float(np.mean([((e.position_m > FAR_M) & ~e.lost_at).mean() for e in flights])), "of steps"),
+            row(f"{plan.name}: and not covered by the covariance either", sum(bool(untold(e).any()) for e in flights), f"of {len(flights)} flights", None, "== 0"),
+            row(f"{plan.name}: pose jumps said", sum(e.resets for e in flights), "-"),
+            row(f"{plan.name}: position error at the end, greatest", float(CM * max(e.position_m[-1] for e in flights)), "cm", None, closure, closure_aim)]
 
 
 CARRIED_AT_S, CARRIED_BACK_S = 30.0, 20.0
@@ -204,32 +213,72 @@ def carried_rows(seeds: int) -> list[dict]:
             row("carried to another place: position error at the end, greatest", float(CM * max(e.position_m[-1] for e in flights)), "cm")]
 
 
-def show(rows: list[dict]) -> list[dict]:
-    """Prints values as they come, since the whole takes minutes; gives them back."""
-    for r in rows:
-        print(f"{r['name']}: {r['value']:.4g} {r['unit']}", flush=True)
+def parts(quick: bool) -> dict[str, Callable[[], list[dict]]]:
+    """Name -> what measures it, in the order of the table; a log that is not there is left out."""
+    seeds, few = (QUICK_SEEDS, 2) if quick else (SEEDS, QUICK_SEEDS)
+    data = data_folder()
+    folder = data / "slam_bench" if data is not None else None
+    found: dict[str, Callable[[], list[dict]]] = {"synth10r": lambda: synth_rows(folder)}
+    found |= {log[0]: lambda log=log: real_rows(folder, *log) for log in REAL_LOGS}
+    found = {name: f for name, f in found.items() if folder is not None and (folder / f"{name}.clf.gz").is_file()}
+    found["turning"] = lambda: skew_rows(QUICK_SEEDS)
+    found |= {make.__name__: lambda scene=(make, *rest): harder_rows(few, *scene) for make, *rest in HARDER}
+    found["carried"] = lambda: carried_rows(few)
+    found["paper"] = lambda: paper_rows(seeds, QUICK_NEES_SEEDS if quick else NEES_SEEDS)
+    found["paper, 50 Hz"] = lambda: slow_rows(seeds)
+    found |= {f"paper, 3 cm, {hz} Hz": lambda hz=hz: noise_rows(seeds, hz) for hz in (250, 50)}
+    return found
+
+
+def _fingerprint() -> str:
+    """Of all that a part is made by: the firmware, what flies and judges it, and the logs."""
+    import noctule_sim
+    from noctule.inprocess import library_path
+
+    digest = hashlib.sha256(library_path().read_bytes())
+    here = Path(__file__).parent
+    for path in [here / f"{n}.py" for n in ("bench_localisation", "planar_profile", "planar_scenes", "altitude_profile", "localise", "carmen")]:
+        digest.update(path.read_bytes())
+    for path in sorted(Path(noctule_sim.__file__).parent.rglob("*.py")):
+        digest.update(path.read_bytes())
+    data = data_folder()
+    for path in sorted((data / "slam_bench").glob("*")) if data is not None else ():
+        digest.update(f"{path.name} {path.stat().st_size} ".encode())
+    return digest.hexdigest()[:16]
+
+
+def measured(name: str, quick: bool, fresh: bool, key: str) -> list[dict]:
+    """The rows of one part, kept or measured now."""
+    path = FOLDER / "localisation" / f"{name}{', quick' if quick else ''}.json"
+    if path.is_file() and not fresh and (kept := json.loads(path.read_text(encoding="utf-8")))["key"] == key:
+        return kept["rows"]
+    rows = parts(quick)[name]()
+    path.parent.mkdir(parents=True, exist_ok=True)
+    half = path.with_suffix(".part")
+    half.write_text(json.dumps({"key": key, "rows": rows}) + "\n", encoding="utf-8")
+    half.replace(path)
     return rows
 
 
 def bench_localisation(quick: bool, fresh: bool) -> list[dict]:
-    """Every row that can be measured without flying; closed-loop flights are `noctule bench flight`."""
-    seeds = QUICK_SEEDS if quick else SEEDS
-    data = data_folder()
-    folder = data / "slam_bench" if data is not None else None
-    rows = []
-    if folder is not None and (folder / "synth10r.clf.gz").is_file():
-        rows += show(synth_rows(folder))
-    else:
-        print("synth10r: skipped: no data", flush=True)
-    if folder is not None:
-        rows += show(real_rows(folder))
-    else:
-        print("intel-2725, intel, freiburg-079: skipped: no data", flush=True)
-    rows += show(skew_rows(QUICK_SEEDS))
-    rows += harder_rows(2 if quick else QUICK_SEEDS)
-    rows += show(carried_rows(2 if quick else QUICK_SEEDS))
-    rows += paper_rows(seeds, QUICK_NEES_SEEDS if quick else NEES_SEEDS)
+    """Every row that can be measured without flying; closed-loop flights are `noctule bench flight`. A part's rows are printed as it ends."""
+    names, key = list(parts(quick)), _fingerprint()
+    for log in ("synth10r", *(log[0] for log in REAL_LOGS)):
+        if log not in names:
+            print(f"{log}: skipped: no data", flush=True)
+    done: dict[str, list[dict]] = {}
+    with ProcessPoolExecutor(os.cpu_count()) as pool:
+        # The longest first, so that no core ends long before the others.
+        jobs = {pool.submit(measured, name, quick, fresh, key): name for name in sorted(names, key=lambda n: n not in LONG)}
+        try:
+            for job in as_completed(jobs):
+                done[jobs[job]] = job.result()
+                for r in done[jobs[job]]:
+                    print(f"{r['name']}: {r['value']:.4g} {r['unit']}", flush=True)
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise
     localiser, grid = memory_bytes()
-    rows += [row("memory of the filter, static", localiser / 2**20, "MiB", "iris_lama 6, gmapping 141", "<= 4", "<= 2"),
-             row("memory of the map, static", grid / 2**20, "MiB")]
-    return rows
+    return [*(r for name in names for r in done[name]),
+            row("memory of the filter, static", localiser / 2**20, "MiB", "iris_lama 6, gmapping 141", "<= 4", "<= 2"),
+            row("memory of the map, static", grid / 2**20, "MiB")]

@@ -130,13 +130,27 @@ def test_skew_is_measured():
 
 
 @needs_library
-def test_without_data_the_rows_are_left_out(monkeypatch, capsys, tmp_path):
+def test_without_data_the_rows_are_left_out_and_a_part_is_measured_once(monkeypatch, capsys, tmp_path):
+    monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("NOCTULE_DATA", str(tmp_path / "none"))
-    for name in ("paper_rows", "skew_rows", "harder_rows", "carried_rows"):
+
+    def carried(seeds):
+        with (tmp_path / "measured").open("a") as f:
+            f.write("x")
+        return [bench.row("carried", float(seeds), "-")]
+
+    for name in ("paper_rows", "slow_rows", "noise_rows", "skew_rows", "harder_rows"):
         monkeypatch.setattr(bench_localisation, name, lambda *_: [])
+    monkeypatch.setattr(bench_localisation, "carried_rows", carried)
     rows = bench.run("localisation", quick=True)
-    assert [r["name"] for r in rows] == ["memory of the filter, static", "memory of the map, static"]
-    assert capsys.readouterr().out.count("skipped: no data") == 2
+    assert [r["name"] for r in rows] == ["carried", "memory of the filter, static", "memory of the map, static"]
+    assert "synth10r: skipped: no data" in capsys.readouterr().out
+    assert bench.run("localisation", quick=True) == rows and (tmp_path / "measured").read_text() == "x"
+    bench.run("localisation", quick=True, fresh=True)
+    assert (tmp_path / "measured").read_text() == "xx"
+    monkeypatch.setattr(bench_localisation, "_fingerprint", lambda: "another build")
+    bench.run("localisation", quick=True)
+    assert (tmp_path / "measured").read_text() == "xxx"
 
 
 def test_off_and_silent_is_told_from_off_and_said():
