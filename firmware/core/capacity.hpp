@@ -61,7 +61,7 @@ inline constexpr std::size_t kMaxPaperSide = by_profile(320, 320, 32);  ///< cel
 inline constexpr std::size_t kPotentialWindow = by_profile(64, 64, 32);  ///< cells along a side of the potential's ring, a power of two; a wider window is cut to it
 
 // Floors.
-inline constexpr std::size_t kMaxVerticalCells = by_profile(32768, 8192, 512);  ///< places in which something over or under was seen, a power of two; at 7/8 of it a new one is refused
+inline constexpr std::size_t kMaxVerticalCells = by_profile(32768, 8192, 1024);  ///< places in which something over or under was seen, a power of two; at 7/8 of it a new one is refused
 inline constexpr std::size_t kMaxOpenings = by_profile(64, 32, 16);  ///< openings judged (taken, refused, without a floor behind); the oldest that was refused gives way
 inline constexpr std::size_t kMaxElevationBins = 512;    ///< bins of 5 cm in the distribution of elevations; what lies beyond is left out
 inline constexpr std::size_t kMaxAtlasObjects = 128;     ///< objects in the atlas; more are left out
@@ -79,7 +79,7 @@ inline constexpr std::size_t kMaxMatchPoints = by_profile(240, 240, 120);  ///< 
 inline constexpr std::size_t kMaxShapePoints = 180;  ///< points of one sweep in the scan match; thinned out beyond
 inline constexpr std::size_t kMaxScanSide = by_profile(320, 320, 96);  ///< cells along a side of that map, 0.15 m each; what lies outside is left out
 inline constexpr std::size_t kMaxScanCells = by_profile(5120, 4096, 768);  ///< cells of the map around the vehicle; a further one is refused
-inline constexpr std::size_t kMaxKeyframes = by_profile(1536, 512, 32);  ///< sweeps kept for the scan match; the most crowded gives way
+inline constexpr std::size_t kMaxKeyframes = by_profile(1536, 512, 28);  ///< sweeps kept for the scan match; the most crowded gives way; with micro's no place is ever looked for
 inline constexpr std::size_t kMaxPlaceCentres = by_profile(512, 256, 32);  ///< places that one sweep is looked for at; further ones are left out
 
 // Recognition.

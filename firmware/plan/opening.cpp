@@ -70,7 +70,7 @@ std::int32_t OpeningJudge::unknown_round(const OccupancyGrid& grid, const Traver
         const auto i = static_cast<std::int32_t>(std::floor(spot.x_m / cell_m_)) - centre_.ix + kReach;
         const auto j = static_cast<std::int32_t>(std::floor(spot.y_m / cell_m_)) - centre_.iy + kReach;
         for (std::int32_t dj = -1; dj <= 1 && !known; ++dj) {
-            for (std::int32_t di = -1; di <= 1; ++di) { known = known || seen(i + di, j + dj) == Seen::beyond; }
+            for (std::int32_t di = -1; di <= 1; ++di) { known = known || (di * dj == 0 && seen(i + di, j + dj) == Seen::beyond); }   // a cell, not its corner: what lies between two looks is known to 0.1 m only
         }
         if (known || skipped(spot.x_m, spot.y_m)) { continue; }
         ++unknown;

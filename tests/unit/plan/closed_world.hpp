@@ -94,14 +94,15 @@ private:
     std::vector<Segment> segments_;
 };
 
-/// A hall of 12 x 9 m with a wall across a part of it, turned off the grid's lines.
-inline FlatWorld hall() {
+/// A hall of 12 x 9 m, or a scale of it, with a wall across a part of it, turned off the grid's lines.
+inline FlatWorld hall(const double scale = 1.0) {
     FlatWorld w;
-    w.add_wall(-2.0, -3.0, 10.0, -3.0);
-    w.add_wall(10.0, -3.0, 10.0, 6.0);
-    w.add_wall(10.0, 6.0, -2.0, 6.0);
-    w.add_wall(-2.0, 6.0, -2.0, -3.0);
-    w.add_wall(4.0, -3.0, 4.0, 1.2);
+    const auto wall = [&w, scale](const double x0, const double y0, const double x1, const double y1) { w.add_wall(scale * x0, scale * y0, scale * x1, scale * y1); };
+    wall(-2.0, -3.0, 10.0, -3.0);
+    wall(10.0, -3.0, 10.0, 6.0);
+    wall(10.0, 6.0, -2.0, 6.0);
+    wall(-2.0, 6.0, -2.0, -3.0);
+    wall(4.0, -3.0, 4.0, 1.2);
     w.turn(0.297);
     return w;
 }

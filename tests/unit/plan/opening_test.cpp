@@ -64,6 +64,7 @@ struct Hall {
             v = ask(from_x, from_y, seed_x, seed_y);
             if (v.what != OpeningVerdict::What::survey) { return v; }
             fly(from_x, from_y, v.look_x_m, v.look_y_m);
+            judge->skip(v.look_x_m, v.look_y_m);   // as the floor planner does once it stood there
             from_x = v.look_x_m;
             from_y = v.look_y_m;
         }

