@@ -79,7 +79,7 @@ inline constexpr std::size_t kMaxMatchPoints = by_profile(240, 240, 120);  ///< 
 inline constexpr std::size_t kMaxShapePoints = 180;  ///< points of one sweep in the scan match; thinned out beyond
 inline constexpr std::size_t kMaxScanSide = by_profile(320, 320, 96);  ///< cells along a side of that map, 0.15 m each; what lies outside is left out
 inline constexpr std::size_t kMaxScanCells = by_profile(5120, 4096, 768);  ///< cells of the map around the vehicle; a further one is refused
-inline constexpr std::size_t kMaxKeyframes = by_profile(1536, 512, 28);  ///< sweeps kept for the scan match; the most crowded gives way; with micro's no place is ever looked for
+inline constexpr std::size_t kMaxKeyframes = by_profile(1536, 512, 24);  ///< sweeps kept for the scan match; the most crowded gives way; with micro's no place is ever looked for
 inline constexpr std::size_t kMaxPlaceCentres = by_profile(512, 256, 32);  ///< places that one sweep is looked for at; further ones are left out
 
 // Recognition.
