@@ -7,6 +7,7 @@ import numpy as np
 from noctule.report import Run
 from noctule.truth import distance_to_shape, slice_primitives
 
+FLYING = (2, 3, 4, 9)       # mission states: looks around, explores, returns, looks for another floor
 NEAR_M = 0.30              # setpoints whose hull is nearer than this to something are 'near'
 PATH_S = 3.0               # the vehicle is compared with the setpoints of this much time before and after
 
@@ -29,7 +30,7 @@ def parts(run: Run, height_m: float = 1.0, hull_radius_m: float = 0.30) -> dict[
     nav, truth = run.flight.nav, run.truth
     stamps = np.round(truth["t_s"] * 1e6).astype(np.int64)
     row = np.clip(np.searchsorted(stamps, nav["t_us"] - 500), 0, len(stamps) - 1)
-    flying = (nav["state"] >= 2) & (nav["state"] <= 4) & (nav["setpoint_valid"] > 0)
+    flying = np.isin(nav["state"], FLYING) & (nav["setpoint_valid"] > 0)
     shapes = slice_primitives(run.world.primitives(), run.start.z_m + height_m)
     sx, sy = run.start.to_world(nav["setpoint_x_m"], nav["setpoint_y_m"])
     ex, ey = run.start.to_world(nav["x_m"], nav["y_m"])

@@ -263,6 +263,41 @@ void the_path_ends_at_the_goal_and_stays_clear() {
     }
 }
 
+void the_path_knows_how_far_it_is_free_straight_on() {
+    const auto s = std::make_unique<Scene>(0.80);
+    s->solve(4.9F, 2.4F);
+    const auto path = std::make_unique<Bounded<PathPoint, kMaxPathPoints>>();
+    s->potential.relax(s->grid, s->where, s->field, 0.0F, 0.0F, 20);
+    TEST_ASSERT_TRUE(s->potential.trace(s->grid, s->where, s->field, 0.0F, 0.0F, 4.9F, 2.4F, *path));
+    // Independent route: the true world, small steps, several directions.
+    const auto hull_m = static_cast<double>(s->p.hull_radius_m + s->p.guard_least_m);
+    const auto free_m = [&](const PathPoint& q, const double angle_rad) {
+        double way_m = 0.0;
+        while (way_m < 2.0 && s->world.clearance(static_cast<double>(q.x_m) + way_m * std::cos(angle_rad), static_cast<double>(q.y_m) + way_m * std::sin(angle_rad)) > hull_m) { way_m += 0.01; }
+        return way_m;
+    };
+    int bounded = 0;
+    int free = 0;
+    for (std::size_t k = 1; k + 1U < path->size(); ++k) {
+        const PathPoint& q = (*path)[k];
+        const auto angle_rad = static_cast<double>(std::atan2((*path)[k + 1U].y_m - (*path)[k - 1U].y_m, (*path)[k + 1U].x_m - (*path)[k - 1U].x_m));
+        if (q.way_m > 9.0F) {
+            ++free;
+            TEST_ASSERT_TRUE(free_m(q, angle_rad) > static_cast<double>(stopping_m(s->p, speed_at_clearance_m_s(s->p, q.clearance_m))));
+            continue;
+        }
+        ++bounded;
+        double least_m = 2.0;
+        for (int side = -3; side <= 3; ++side) { least_m = std::min(least_m, free_m(q, angle_rad + 0.1 * side)); }
+        for (const double astray_rad : {-0.15, 0.0, 0.15}) {
+            TEST_ASSERT_TRUE_MESSAGE(free_m(q, angle_rad + astray_rad) > static_cast<double>(q.way_m) - 0.05, "it is not free that far");
+        }
+        TEST_ASSERT_TRUE_MESSAGE(least_m < static_cast<double>(q.way_m) + 0.15, "it is free farther");
+    }
+    TEST_ASSERT_TRUE(bounded > 3);
+    TEST_ASSERT_TRUE(free > 3);
+}
+
 void a_gap_is_entered_by_its_width_wherever_its_middle_lies() {
     // Hull and margin need 0.72 m. The door's middle lies at any place between the centres of two cells.
     for (const double door_m : {0.60, 0.68, 0.75}) {
@@ -285,6 +320,7 @@ int main() {
     RUN_TEST(every_reachable_cell_has_a_way_up_after_any_number_of_sweeps);
     RUN_TEST(relaxed_values_are_the_weighted_mean_of_their_neighbours);
     RUN_TEST(the_path_ends_at_the_goal_and_stays_clear);
+    RUN_TEST(the_path_knows_how_far_it_is_free_straight_on);
     RUN_TEST(a_gap_is_entered_by_its_width_wherever_its_middle_lies);
     return UNITY_END();
 }

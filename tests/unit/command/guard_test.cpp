@@ -207,6 +207,24 @@ void a_vehicle_that_flies_past_its_setpoint_is_drawn_back() {
     }
 }
 
+void a_vehicle_nearly_too_fast_is_slowed_before_it_is_stopped() {
+    // A wall 0.80 m ahead: with 0.25 s until it answers and 0.8 m/s^2 a vehicle stops before hull and least margin from 0.70 m/s.
+    const auto asked = [](const float vx_m_s) {
+        const auto d = std::make_unique<Desk>();
+        d->wall_at(0.80F);
+        d->estimate.planar.vx_m_s = vx_m_s;
+        Setpoint s = Desk::go(0.02F, 0.0F);
+        s.vx_m_s = vx_m_s;
+        return d->decide(s).vx_m_s;
+    };
+    TEST_ASSERT_EQUAL_FLOAT(0.55F, asked(0.55F));
+    const float little = asked(0.62F);
+    const float more = asked(0.67F);
+    TEST_ASSERT_TRUE(little > 0.4F && little < 0.6F);
+    TEST_ASSERT_TRUE(more > 0.1F && more < little - 0.1F);
+    TEST_ASSERT_TRUE(asked(0.71F) <= 0.0F);
+}
+
 void a_sluggish_vehicle_is_stopped_in_time() {
     // A vehicle that answers as PX4 does with its defaults, a planner that brakes too late: at 0.5 m/s to 0.40 m before the wall.
     const auto d = std::make_unique<Desk>();
@@ -344,6 +362,7 @@ int main() {
     RUN_TEST(jumps_and_leads_are_cut);
     RUN_TEST(it_stops_before_a_wall_whatever_is_wanted);
     RUN_TEST(a_vehicle_that_flies_past_its_setpoint_is_drawn_back);
+    RUN_TEST(a_vehicle_nearly_too_fast_is_slowed_before_it_is_stopped);
     RUN_TEST(a_sluggish_vehicle_is_stopped_in_time);
     RUN_TEST(noise_does_not_bring_a_wall_nearer);
     RUN_TEST(a_corner_is_not_smoothed_away);

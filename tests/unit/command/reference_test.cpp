@@ -132,6 +132,29 @@ void it_is_slow_where_it_is_narrow() {
     TEST_ASSERT_TRUE(fastest > limit - 0.05F);
 }
 
+void it_heads_for_something_no_faster_than_the_guard_lets_it() {
+    const Parameters p;
+    const auto fastest = [&p](const float way_m, const float clearance_m) {
+        Reference r{p};
+        Setpoint s;
+        s.z_m = 1.0F;
+        float most = 0.0F;
+        for (int k = 0; k < 80; ++k) {
+            Target t = along(s.x_m, s.y_m, 9.0F, 0.0F, clearance_m);
+            for (PathPoint& q : t.path) { q.way_m = way_m; }
+            s = r.step(at(s), t, 50000LL * k);
+            most = std::max(most, s.vx_m_s);
+        }
+        return most;
+    };
+    // Straight on it is free for 0.30 m: 0.52 m/s would be stopped.
+    TEST_ASSERT_FLOAT_WITHIN(0.02F, 0.417F, fastest(0.3F, 2.0F));
+    TEST_ASSERT_FLOAT_WITHIN(0.02F, 1.0F, fastest(10.0F, 2.0F));
+    // Nothing bounds it below half the least speed; in a gap with 0.07 m beside the hull it takes 0.7 of that speed.
+    TEST_ASSERT_FLOAT_WITHIN(0.01F, 0.1F, fastest(0.0F, 2.0F));
+    TEST_ASSERT_FLOAT_WITHIN(0.01F, 0.7F * speed_at_clearance_m_s(p, 0.37F), fastest(10.0F, 0.37F));
+}
+
 void it_waits_for_a_vehicle_that_does_not_follow() {
     const Parameters p;
     Reference r{p};
@@ -199,6 +222,7 @@ int main() {
     RUN_TEST(it_arrives_at_the_end_of_the_path_and_stays_without_overshoot);
     RUN_TEST(a_sharp_turn_is_braked_into);
     RUN_TEST(it_is_slow_where_it_is_narrow);
+    RUN_TEST(it_heads_for_something_no_faster_than_the_guard_lets_it);
     RUN_TEST(it_waits_for_a_vehicle_that_does_not_follow);
     RUN_TEST(hold_stops_within_the_braking_distance);
     RUN_TEST(landing_pushes_through_the_floor_slowly_and_never_far_below_the_vehicle);

@@ -1,6 +1,7 @@
 // The vehicle's answer is learned: a slow vehicle gets the lead that its lag needs, a quick one none, and it strays less than without.
 #include <algorithm>
 #include <cmath>
+#include <cstdio>
 #include <memory>
 
 #include "command/reference.hpp"
@@ -98,6 +99,33 @@ void it_then_keeps_to_the_reference() {
     TEST_ASSERT_TRUE(learned_m < 0.05F);
 }
 
+void an_autopilot_that_sways_as_it_turns_is_held_to_its_place() {
+    // A brisk autopilot whose own velocity is wrong by 4 cm/s in a direction that turns: it would stand 2.3 cm beside its setpoint.
+    const Parameters p;
+    Reference r{p};
+    Vehicle v;
+    v.position_gain = 1.7F;
+    v.lag_s = 0.25F;
+    v.at.z_m = 1.0F;
+    Target t;
+    t.mode = Target::Mode::hold;
+    t.z_m = 1.0F;
+    float worst = 0.0F;
+    for (int k = 0; k < 800; ++k) {
+        const Setpoint s = r.step(v.estimate(), t, 1000000 + 50000LL * k);
+        r.settle(s);
+        Setpoint swayed = s.trimmed();
+        const float phase = 0.45F * kDt * static_cast<float>(k);
+        swayed.vx_m_s += 0.04F * std::cos(phase);
+        swayed.vy_m_s += 0.04F * std::sin(phase);
+        v.follow(swayed);
+        if (k > 100) { worst = std::max(worst, std::hypot(v.at.x_m - r.pose().x_m, v.at.y_m - r.pose().y_m)); }
+    }
+    std::printf("  beside its place: %.4f m\n", static_cast<double>(worst));
+    TEST_ASSERT_TRUE(worst < 0.012F);
+    TEST_ASSERT_TRUE_MESSAGE(worst > 0.003F, "nothing sways: the test shows nothing");
+}
+
 void a_vehicle_that_follows_at_once_gets_no_lead() {
     Response r;
     for (int k = 0; k < 2000; ++k) { r.step(k % 80 < 40 ? 0.5F : -0.5F, 0.2F, 0.0F, 0.0F, 0.0F, 0.0F, kDt); }
@@ -118,6 +146,7 @@ int main() {
     UNITY_BEGIN();
     RUN_TEST(a_slow_vehicle_is_led_by_its_lag);
     RUN_TEST(it_then_keeps_to_the_reference);
+    RUN_TEST(an_autopilot_that_sways_as_it_turns_is_held_to_its_place);
     RUN_TEST(a_vehicle_that_follows_at_once_gets_no_lead);
     RUN_TEST(errors_without_motion_teach_no_lead);
     return UNITY_END();
