@@ -208,7 +208,7 @@ def carried_rows(seeds: int) -> list[dict]:
     flights = [planar_profile.localise(planar_profile.carried_back(planar_profile.samples(plan, motion, s, planar_profile.profile()), CARRIED_AT_S, CARRIED_BACK_S))
                for s in seeds_to(seeds)]
     return [row("carried to another place: not covered by the covariance and not said", sum(bool(untold(e).any()) for e in flights), f"of {seeds} flights", None, "== 0"),
-            row("carried to another place: found again", sum(not e.lost_at[-1] and e.position_m[-1] < FAR_M for e in flights), f"of {seeds} flights", None, f"== {seeds}"),
+            row("carried to another place: found again", sum(bool(not e.lost_at[-1] and e.position_m[-1] < FAR_M) for e in flights), f"of {seeds} flights", None, f"== {seeds}"),
             row("carried to another place: lost for, longest", max(e.lost for e in flights) * planar_profile.TICK_US * 1e-6, "s"),
             row("carried to another place: position error at the end, greatest", float(CM * max(e.position_m[-1] for e in flights)), "cm")]
 

@@ -1,5 +1,6 @@
 """What `noctule bench localisation` measures with: motion, samples and figures of the scripted flights."""
 
+import json
 import math
 from dataclasses import replace
 
@@ -170,3 +171,9 @@ def test_carried_back_the_way_is_flown_twice_and_the_clock_goes_on():
     k = int(np.searchsorted(twice.scan_t_us, 4_050_000))
     np.testing.assert_array_equal(twice.scans[k], flown.scans[int(np.searchsorted(flown.scan_t_us, 1_550_000))])
     assert np.hypot(*(twice.truth[k] - twice.truth[k - 1])[:2]) > 0.5
+
+
+@needs_library
+def test_a_part_can_be_kept():
+    rows = bench_localisation.carried_rows(1)
+    assert json.loads(json.dumps(rows)) == rows and [r["value"] for r in rows[:2]] == [0, 1]
