@@ -47,6 +47,17 @@ def test_rows_say_missed_for_a_flight_that_did_not_complete():
     assert rows["default: visible wall cells marked within one cell, mean"]["value"] == pytest.approx(0.99)
 
 
+def test_a_world_that_nobody_sees_whole_is_told_and_left_out_of_the_means():
+    results = [result("a", 1, "tour", 50.0), result("a", 1, "frontier", 100.0)]
+    results += [result("b", 1, policy, None, explored_fraction=share) for policy, share in (("tour", 0.98), ("frontier", 0.96))]
+    results += [result("c", 1, "tour", None), result("c", 1, "frontier", 900.0)]      # one of the two saw it: the other's counts
+    rows = {r["name"]: r for r in bench.rows_of(results, {})}
+    assert rows["b: 99 % seen by nobody, left out of the two means; explored_fraction"]["value"] == pytest.approx(0.98)
+    assert rows["time to 99 %, against nearest frontier, mean over worlds"]["value"] == pytest.approx((0.5 + bench.MAX_TIME_S / 900.0) / 2)
+    assert rows["path to 99 %, against nearest frontier, mean over worlds"]["value"] == pytest.approx((0.5 + 300.0 / 450.0) / 2)
+    assert rows["default: never reached 99 %"]["value"] == 2
+
+
 def test_a_whole_flight_with_a_contact_confirms_nothing():
     whole = [{"world": "a", "seed": 1, "completed": True, "explored_fraction": 0.99, "time_to_99_s": 60.0, "collisions": n} for n in (0, 1)]
     rows = bench.confirmed_rows(whole, [result("a", 1, "tour", 50.0), result("a", 1, "frontier", 10.0)])

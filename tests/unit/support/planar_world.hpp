@@ -9,6 +9,7 @@
 #include <cstdint>
 #include <limits>
 #include <random>
+#include <deque>
 #include <vector>
 
 #include "sense/samples.hpp"
@@ -155,7 +156,7 @@ public:
         return a;
     }
     [[nodiscard]] double duration_s() const { return static_cast<double>(states.size() - 1) * 1e-3; }
-    std::vector<Truth> states;
+    std::deque<Truth> states;   // a vector doubles what it holds: two flights would not fit the board's heap
 };
 
 /// What the sensors of the default profile say along a flight.
