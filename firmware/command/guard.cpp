@@ -121,7 +121,7 @@ float Guard::nearest_m(const float x_m, const float y_m, float& at_x_m, float& a
 // Pushes from both sides at once would hold it before the throat, and shoot it out behind.
 float Guard::berth_m(const float x_m, const float y_m) const {
     const float wanted_m = p_.hull_radius_m + p_.guard_margin_m;
-    const float least_m = p_.hull_radius_m + std::min(p_.guard_least_m, p_.guard_margin_m);
+    const float least_m = least_held_m(p_);
     float hx = 0.0F;
     float hy = 0.0F;
     const float one_m = nearest_m(x_m, y_m, hx, hy);
@@ -143,7 +143,7 @@ float Guard::berth_m(const float x_m, const float y_m) const {
 // point, again and again; between two sides that ends in the middle. What is still too near then is not sent.
 bool Guard::keep_clear(const Estimate& estimate, const float dt_s) {
     const Pose2<Map, Body>& pose = estimate.planar.pose_map_body;
-    const float least_m = p_.hull_radius_m + std::min(p_.guard_least_m, p_.guard_margin_m);
+    const float least_m = least_held_m(p_);
     float hx = 0.0F;
     float hy = 0.0F;
     const float x0 = out_.x_m;
@@ -227,11 +227,11 @@ bool Guard::brake(const Estimate& estimate) {
     const float ux = vx / speed;
     const float uy = vy / speed;
     const float stop_m = stopping_m(p_, speed / kGentleShare);
-    const float least_m = p_.hull_radius_m + std::min(p_.guard_least_m, p_.guard_margin_m);
+    const float least_m = least_held_m(p_);
     float worst = 0.0F;
-    float held = 0.0F;
-    float may = 0.0F;
-    float over = 0.0F;
+    float held_share = 0.0F;
+    float may_m_s = 0.0F;
+    float over_m_s = 0.0F;
     float nx = 0.0F;
     float ny = 0.0F;
     for (const Near& n : near_) {
@@ -251,9 +251,9 @@ bool Guard::brake(const Estimate& estimate) {
         const float excess = (speed - kGentleShare * allowed) * cosine;
         if (excess > worst) {
             worst = excess;
-            held = speed < allowed ? (speed - kGentleShare * allowed) / ((1.0F - kGentleShare) * allowed) : 1.0F;
-            may = (1.0F - held) * allowed * cosine;
-            over = std::max(0.0F, speed - allowed) * cosine;
+            held_share = speed < allowed ? (speed - kGentleShare * allowed) / ((1.0F - kGentleShare) * allowed) : 1.0F;
+            may_m_s = (1.0F - held_share) * allowed * cosine;
+            over_m_s = std::max(0.0F, speed - allowed) * cosine;
             nx = rx / r;
             ny = ry / r;
         }
@@ -261,15 +261,15 @@ bool Guard::brake(const Estimate& estimate) {
     if (worst <= 0.0F) { return false; }
     // Stopped at once it swings, beside the very thing: it is slowed before, the more the nearer it is to what it could not stop from.
     const float here = (out_.x_m - pose.x_m) * nx + (out_.y_m - pose.y_m) * ny;
-    const float back = held * (here + kTurnBackS * over);
+    const float back = held_share * (here + kTurnBackS * over_m_s);
     if (back > 0.0F) {
         draw_x_m_ -= back * nx;
         draw_y_m_ -= back * ny;
     }
     const float towards = out_.vx_m_s * nx + out_.vy_m_s * ny;
-    if (towards > may) {
-        out_.vx_m_s -= (towards - may) * nx;
-        out_.vy_m_s -= (towards - may) * ny;
+    if (towards > may_m_s) {
+        out_.vx_m_s -= (towards - may_m_s) * nx;
+        out_.vy_m_s -= (towards - may_m_s) * ny;
     }
     return true;
 }

@@ -5,10 +5,11 @@
 #include <cstdlib>
 #include <limits>
 
+#include "core/gravity.hpp"
+
 namespace noctule {
 namespace {
 
-constexpr double kGravity_m_s2 = 9.80665;
 constexpr float kAccelLimit_m_s2 = 200.0F;  // beyond any sensor's scale
 constexpr std::int64_t kFuture_us = 50000;  // a range may be stamped this much after the scan that ends its frame
 constexpr std::int32_t kStairTreads = 2;    // so many risers in a row are stairs

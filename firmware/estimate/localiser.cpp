@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/gravity.hpp"
+
 namespace noctule {
 
 namespace {
@@ -42,8 +44,6 @@ constexpr float kRecognised_m = 0.03F;
 constexpr float kRecognised_rad = 0.008F;
 constexpr std::int32_t kSlices = 2;   // of the search in one step
 constexpr std::size_t kRebuiltAtOnce = 40;
-
-constexpr double kGravity_m_s2 = 9.80665;
 
 // What the vehicle may have done while its clock began anew.
 constexpr double kRestartSpeed_m_s = 0.5;

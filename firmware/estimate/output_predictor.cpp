@@ -4,12 +4,12 @@
 #include <cmath>
 
 #include "core/angle.hpp"
+#include "core/gravity.hpp"
 
 namespace noctule {
 
 namespace {
 
-constexpr float kGravity_m_s2 = 9.80665F;
 // Growth of the published variance where only inertial data carry the pose.
 constexpr float kVerticalNoise_m_s2 = 0.1F;    // per root hertz
 constexpr float kHorizontalNoise_m_s2 = 0.1F;  // per root hertz, biases included
@@ -86,7 +86,7 @@ bool OutputPredictor::odometry(const std::int64_t t_us, Odometry& out) const {
             const float yaw_mid = out.yaw_rad + 0.5F * dt_s * out.yaw_rate_rad_s;
             ax = std::cos(yaw_mid) * level_x - std::sin(yaw_mid) * level_y;
             ay = std::sin(yaw_mid) * level_x + std::cos(yaw_mid) * level_y;
-            az = -sth * f[0] + sph * cth * f[1] + cph * cth * f[2] - kGravity_m_s2;
+            az = -sth * f[0] + sph * cth * f[1] + cph * cth * f[2] - static_cast<float>(kGravity_m_s2);
         }
         out.x_m += dt_s * (out.vx_m_s + 0.5F * dt_s * ax);
         out.y_m += dt_s * (out.vy_m_s + 0.5F * dt_s * ay);

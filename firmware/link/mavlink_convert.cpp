@@ -6,12 +6,12 @@
 #include <limits>
 
 #include "core/angle.hpp"
+#include "core/gravity.hpp"
 
 namespace noctule {
 
 namespace {
 
-constexpr float kGravity_m_s2 = 9.80665F;
 constexpr float kMilli = 1e-3F;
 constexpr float kCentimetres_m = 100.0F;
 constexpr std::uint16_t kPositionVelocityYawMask = 0x09C0;  // ignores acceleration and yaw rate
@@ -169,7 +169,7 @@ namespace {
 /// Milli-g and milliradians a second, whatever the message is called.
 template <class Message>
 void set_milli_imu(const Message& in, imu_t& out) {
-    constexpr float kAccel = kMilli * kGravity_m_s2;
+    constexpr float kAccel = kMilli * static_cast<float>(kGravity_m_s2);
     set_imu({static_cast<float>(in.xacc) * kAccel, static_cast<float>(in.yacc) * kAccel, static_cast<float>(in.zacc) * kAccel},
             {static_cast<float>(in.xgyro) * kMilli, static_cast<float>(in.ygyro) * kMilli, static_cast<float>(in.zgyro) * kMilli}, out);
 }
@@ -194,7 +194,7 @@ bool from_mavlink(const mavlink_raw_imu_t& in, imu_t& out) {
 }
 
 mavlink_scaled_imu_t to_scaled_imu(const imu_t& in) {
-    constexpr float kAccel = kMilli * kGravity_m_s2;
+    constexpr float kAccel = kMilli * static_cast<float>(kGravity_m_s2);
     const Vector accel = flip(vector(in.accel_m_s2));
     const Vector gyro = flip(vector(in.gyro_rad_s));
     mavlink_scaled_imu_t out{};

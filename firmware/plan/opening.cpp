@@ -69,8 +69,9 @@ std::int32_t OpeningJudge::unknown_round(const OccupancyGrid& grid, const Traver
         bool known = false;
         const auto i = static_cast<std::int32_t>(std::floor(spot.x_m / cell_m_)) - centre_.ix + kReach;
         const auto j = static_cast<std::int32_t>(std::floor(spot.y_m / cell_m_)) - centre_.iy + kReach;
+        // Its cell or one across an edge, not across a corner: what lies between two looks is known to 0.1 m only.
         for (std::int32_t dj = -1; dj <= 1 && !known; ++dj) {
-            for (std::int32_t di = -1; di <= 1; ++di) { known = known || (di * dj == 0 && seen(i + di, j + dj) == Seen::beyond); }   // a cell, not its corner: what lies between two looks is known to 0.1 m only
+            for (std::int32_t di = -1; di <= 1; ++di) { known = known || (di * dj == 0 && seen(i + di, j + dj) == Seen::beyond); }
         }
         if (known || skipped(spot.x_m, spot.y_m)) { continue; }
         ++unknown;

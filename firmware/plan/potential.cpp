@@ -213,7 +213,7 @@ void Potential::centre(const OccupancyGrid& grid, Bounded<PathPoint, kMaxPathPoi
 
 // The hull slides straight on, growing as it may stray from that line: each step is as long as nothing at all can be nearer.
 float Potential::way_m(const OccupancyGrid& grid, const PathPoint& from, const float ux, const float uy) const {
-    const float least_m = p_.hull_radius_m + std::min(p_.guard_least_m, p_.guard_margin_m);
+    const float least_m = least_held_m(p_);
     const float enough_m = kEnoughShare * stopping_m(p_, speed_at_clearance_m_s(p_, from.clearance_m)) + kEnoughM;
     float way_m = 0.0F;
     float clear_m = from.clearance_m;

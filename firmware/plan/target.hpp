@@ -29,6 +29,9 @@ struct PathPoint {
     return near_m_s + (p.speed_max_m_s - near_m_s) * std::clamp((clearance_m - low_m) / (high_m - low_m), 0.0F, 1.0F);
 }
 
+/// From the centre of the hull to a hit point: what the guard keeps at least.
+[[nodiscard]] inline float least_held_m(const Parameters& p) { return p.hull_radius_m + std::min(p.guard_least_m, p.guard_margin_m); }
+
 constexpr float kAnswerS = 0.25F;    ///< until the vehicle brakes because of a setpoint
 constexpr float kStopShare = 0.8F;   ///< of the acceleration limit: what a vehicle is sure to brake with
 

@@ -30,6 +30,18 @@ def row(name: str, value, unit: str, reference=None, must: str | None = None, ai
     return {"name": name, "value": value, "unit": unit, "reference": reference, "must": must, "aim": aim}
 
 
+def kept(path: Path, key: str, fresh: bool, measure: Callable[[], dict]) -> dict:
+    """What was measured under this key before, from its file, else measured now and kept with the key; a cut write leaves the old file."""
+    if path.is_file() and not fresh and (found := json.loads(path.read_text(encoding="utf-8")))["key"] == key:
+        return found
+    found = {"key": key, **measure()}
+    path.parent.mkdir(parents=True, exist_ok=True)
+    half = path.with_suffix(".part")
+    half.write_text(json.dumps(found) + "\n", encoding="utf-8")
+    half.replace(path)
+    return found
+
+
 def meets(value, limit: str | None) -> bool | None:
     """Whether a value keeps a limit; None where there is no limit. A missing value keeps none.
 

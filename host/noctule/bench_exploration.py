@@ -9,14 +9,13 @@ none looked for (floors_max 1): the search for openings comes after an explorati
 from __future__ import annotations
 
 import hashlib
-import json
 import math
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 
 import numpy as np
 
-from noctule.bench import FOLDER, SEEDS, data_folder, row
+from noctule.bench import FOLDER, SEEDS, data_folder, kept, row
 from noctule.settings import POLICIES
 
 SHIPPED = ("maze_a", "maze_b", "office", "levels", "two_floor")
@@ -70,14 +69,13 @@ def _truth(source: str):
 
 def explored(name: str, source: str, seed: int, policy: str, fresh: bool = False) -> dict:
     """The figures of one exploration, kept or flown now."""
+    path = FOLDER / "exploration" / f"{name}-{seed}-{policy}.json"
+    return kept(path, _fingerprint(), fresh, lambda: _explored_now(name, source, seed, policy))
+
+
+def _explored_now(name: str, source: str, seed: int, policy: str) -> dict:
     from noctule.kinematic import explore
 
-    path = FOLDER / "exploration" / f"{name}-{seed}-{policy}.json"
-    key = _fingerprint()
-    if path.is_file() and not fresh:
-        kept = json.loads(path.read_text(encoding="utf-8"))
-        if kept["key"] == key:
-            return kept
     world, truth = _truth(source)
     parameters, max_time_s = {"policy": POLICIES.index(policy), "floors_max": 1}, MAX_TIME_S
     if policy == "paper":
@@ -86,41 +84,35 @@ def explored(name: str, source: str, seed: int, policy: str, fresh: bool = False
         parameters = {k: v for k, v in PRESETS["paper"].items() if v != PRESETS["default"][k]}
         max_time_s = PAPER_TIME_S
     r = explore(world, seed, parameters, max_time_s, truth)
-    kept = {"key": key, "world": name, "seed": seed, "policy": policy, "completed": r.completed, "explored_fraction": r.explored_fraction,
+    return {"world": name, "seed": seed, "policy": policy, "completed": r.completed, "explored_fraction": r.explored_fraction,
             "time_to_95_s": r.time_to_s[0.95], "time_to_99_s": r.time_to_s[0.99], "path_to_99_m": r.path_to_m[0.99],
             "exploring_s": r.exploring_s, "exploring_path_m": r.exploring_path_m, "time_s": r.time_s, "path_m": r.path_m,
             "least_clearance_m": r.least_clearance_m, "goals": r.goals, "switches": r.switches, "back_and_forth": r.back_and_forth,
-            "stuck": r.stuck, "in_vain": r.in_vain, "plan_ms": r.plan_ms, "whole_plan_ms": r.whole_plan_ms, "whole_plan_cells": r.whole_plan_cells, "reason": r.reason, "unknown_share": r.unknown_share,
-            "walls": r.walls, "track": np.round(r.track, 2).tolist()}
-    path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_suffix(".part")
-    part.write_text(json.dumps(kept) + "\n", encoding="utf-8")
-    part.replace(path)
-    return kept
+            "stuck": r.stuck, "in_vain": r.in_vain, "plan_ms": r.plan_ms, "whole_plan_ms": r.whole_plan_ms, "whole_plan_cells": r.whole_plan_cells,
+            "reason": r.reason, "unknown_share": r.unknown_share, "walls": r.walls, "track": np.round(r.track, 2).tolist()}
 
 
 def confirmed(name: str, source: str, seed: int, fresh: bool = False) -> dict:
     """The default's exploration as a whole flight in the process, kept or flown now."""
+    from noctule.inprocess import library_path
+
+    path = FOLDER / "exploration" / f"whole-{name}-{seed}" / "bench.json"
+    return kept(path, hashlib.sha256(library_path().read_bytes()).hexdigest()[:16], fresh, lambda: _confirmed_now(name, source, seed, path.parent))
+
+
+def _confirmed_now(name: str, source: str, seed: int, folder: Path) -> dict:
     import shutil
 
     from noctule import inprocess_flight
-    from noctule.inprocess import library_path
     from noctule.settings import FlightSettings
     from noctule_sim.world import load_world
 
-    folder = FOLDER / "exploration" / f"whole-{name}-{seed}"
-    key = hashlib.sha256(library_path().read_bytes()).hexdigest()[:16]
-    path = folder / "bench.json"
-    if path.is_file() and not fresh and (kept := json.loads(path.read_text(encoding="utf-8")))["key"] == key:
-        return kept
     shutil.rmtree(folder, ignore_errors=True)
     settings = FlightSettings(world=source, seed=seed, camera=False, max_time_s=MAX_TIME_S, parameters={"floors_max": 1.0})
     report = inprocess_flight.fly(settings, load_world(source), folder)
     floor = report["floors"][0]
-    kept = {"key": key, "world": name, "seed": seed, "completed": report["outcome"] == "completed", "explored_fraction": floor["explored_fraction"],
+    return {"world": name, "seed": seed, "completed": report["outcome"] == "completed", "explored_fraction": floor["explored_fraction"],
             "time_to_99_s": floor["time_to_99_s"], "collisions": report["collisions"], "least_clearance_m": report["min_clearance_m"]}
-    path.write_text(json.dumps(kept) + "\n", encoding="utf-8")
-    return kept
 
 
 def confirmed_rows(whole: list[dict], results: list[dict]) -> list[dict]:
@@ -197,10 +189,7 @@ def clairvoyant_of(name: str, source: str) -> float:
     path = FOLDER / "exploration" / f"clairvoyant-{name}.json"
     world, truth = _truth(source)
     key = hashlib.sha256(Path(clairvoyant.__file__).read_bytes() + truth.seeable.tobytes() + truth.reachable.tobytes()).hexdigest()[:16]
-    if path.is_file() and (kept := json.loads(path.read_text(encoding="utf-8")))["key"] == key:
-        return kept["tour_m"]
-    tour_m = clairvoyant.clairvoyant_m(truth, world.start.x_m, world.start.y_m)
-    path.write_text(json.dumps({"key": key, "tour_m": tour_m}) + "\n", encoding="utf-8")
+    tour_m = kept(path, key, False, lambda: {"tour_m": clairvoyant.clairvoyant_m(truth, world.start.x_m, world.start.y_m)})["tour_m"]
     print(f"{name}: a tour that knows the building, {tour_m:.0f} m", flush=True)
     return tour_m
 

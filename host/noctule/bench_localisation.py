@@ -11,7 +11,6 @@ bench that was stopped goes on where it was.
 from __future__ import annotations
 
 import hashlib
-import json
 import math
 import os
 from collections.abc import Callable
@@ -21,7 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from noctule import carmen, planar_profile, planar_scenes
-from noctule.bench import FOLDER, data_folder, row
+from noctule.bench import FOLDER, data_folder, kept, row
 from noctule.localise import compose, memory_bytes
 from noctule.planar_profile import Errors, Motion
 from noctule.planar_scenes import Plan
@@ -250,14 +249,7 @@ def _fingerprint() -> str:
 def measured(name: str, quick: bool, fresh: bool, key: str) -> list[dict]:
     """The rows of one part, kept or measured now."""
     path = FOLDER / "localisation" / f"{name}{', quick' if quick else ''}.json"
-    if path.is_file() and not fresh and (kept := json.loads(path.read_text(encoding="utf-8")))["key"] == key:
-        return kept["rows"]
-    rows = parts(quick)[name]()
-    path.parent.mkdir(parents=True, exist_ok=True)
-    half = path.with_suffix(".part")
-    half.write_text(json.dumps({"key": key, "rows": rows}) + "\n", encoding="utf-8")
-    half.replace(path)
-    return rows
+    return kept(path, key, fresh, lambda: {"rows": parts(quick)[name]()})["rows"]
 
 
 def bench_localisation(quick: bool, fresh: bool) -> list[dict]:

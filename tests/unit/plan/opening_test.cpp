@@ -89,6 +89,15 @@ void an_opening_crossed_once_is_looked_round_and_taken_in_its_middle() {
     }
 }
 
+// Looks three cells apart in both directions: round any place there is a spot whose nearest look was across a corner of its cell.
+void a_spot_is_not_known_by_a_look_across_a_corner() {
+    Hall hall(0.05F, 0.05F, 3.0F);
+    for (int i = -7; i <= 7; ++i) {
+        for (int j = -7; j <= 7; ++j) { hall.look(0.05F + 0.3F * static_cast<float>(i), 0.05F + 0.3F * static_cast<float>(j)); }
+    }
+    TEST_ASSERT_EQUAL_INT(static_cast<int>(OpeningVerdict::What::survey), static_cast<int>(hall.ask(0.05F, 0.05F, 0.05F, 0.05F).what));
+}
+
 void an_opening_of_80_centimetres_is_refused() {
     Hall hall(0.33F, -0.41F, 0.8F);
     hall.fly(-2.0F, hall.y_m, 3.0F, hall.y_m);
@@ -110,6 +119,7 @@ void a_wide_one_needs_less_than_the_paper_asks_unless_told() {
 int main() {
     UNITY_BEGIN();
     RUN_TEST(an_opening_crossed_once_is_looked_round_and_taken_in_its_middle);
+    RUN_TEST(a_spot_is_not_known_by_a_look_across_a_corner);
     RUN_TEST(an_opening_of_80_centimetres_is_refused);
     RUN_TEST(a_wide_one_needs_less_than_the_paper_asks_unless_told);
     return UNITY_END();
