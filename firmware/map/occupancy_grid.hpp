@@ -28,6 +28,8 @@ inline constexpr std::int32_t kBlockCells = 8;
 /// Handle of a stored cell: slot of its tile * 4096 + row * 64 + column.
 using CellId = std::int32_t;
 inline constexpr CellId kNoCell = -1;
+/// From a cell's handle to those of its neighbours in the same tile, order of kNeighbourX.
+inline constexpr CellId kNeighbourStep[8] = {1, kTileCells + 1, kTileCells, kTileCells - 1, -1, -kTileCells - 1, -kTileCells, -kTileCells + 1};
 
 enum class CellClass : std::uint8_t { unknown, free, occupied };
 
@@ -83,15 +85,9 @@ public:
     }
     /// Handle of a cell that lies in the tile with this slot.
     [[nodiscard]] static constexpr CellId id_in(const std::int32_t slot, const Cell c) { return slot * kTileArea + (c.iy & 63) * kTileCells + (c.ix & 63); }
-    /// Handles of the eight neighbours, kNoCell where no tile is.
-    void neighbours(const CellId id, std::array<CellId, 8>& out) const {
-        const std::uint32_t i = static_cast<std::uint32_t>(id) & 63U;
-        const std::uint32_t j = static_cast<std::uint32_t>(id >> 6) & 63U;
-        if (i - 1U < 62U && j - 1U < 62U) {   // all in the same tile
-            for (std::size_t d = 0; d < 8; ++d) { out[d] = id + kNeighbourY[d] * kTileCells + kNeighbourX[d]; }
-        } else {
-            for (std::size_t d = 0; d < 8; ++d) { out[d] = neighbour(id, static_cast<std::int32_t>(d)); }
-        }
+    /// True: the eight neighbours are in the same tile; their handles are kNeighbourStep away.
+    [[nodiscard]] static constexpr bool inside_tile(const CellId id) {
+        return (static_cast<std::uint32_t>(id) & 63U) - 1U < 62U && (static_cast<std::uint32_t>(id >> 6) & 63U) - 1U < 62U;
     }
     [[nodiscard]] CellId neighbour(const CellId id, const std::int32_t direction) const {  ///< direction 0 to 7; kNoCell: no tile there
         const std::int32_t i = (id & 63) + kNeighbourX[direction];

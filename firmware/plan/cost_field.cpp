@@ -55,9 +55,9 @@ bool OpenCells::pop(CellId& id, std::uint32_t& cost) {
     return true;
 }
 
-bool CostField::set(const CellId id, const std::uint32_t cost) {
-    const auto slot = static_cast<std::size_t>(id >> 12);
-    if (cost > kDearest || (tile_run_[slot] != run_ && pages_ == kMaxFieldTiles)) {
+bool CostField::set(const CellId id, const std::uint16_t cost) {
+    const std::size_t slot = slot_of(id);
+    if (tile_run_[slot] != run_ && pages_ == kMaxFieldTiles) {
         ++refused_;
         return false;
     }
@@ -67,7 +67,7 @@ bool CostField::set(const CellId id, const std::uint32_t cost) {
         cost_[pages_].fill(kPackedFar);
         ++pages_;
     }
-    cost_[page_[slot]][static_cast<std::size_t>(id & 4095)] = pack(cost);
+    cost_[page_[slot]][in_tile(id)] = cost;
     return true;
 }
 
@@ -110,15 +110,12 @@ void RootGraph::close() {
 bool CostField::add_root(const CellId root, const std::uint8_t number, RootGraph& graph, OpenCells& open) {
     const bool first = cost(root) != 0U;
     if (first && !set(root, 0)) { return false; }
-    graph.nearest_[page_[static_cast<std::size_t>(root >> 12)]][static_cast<std::size_t>(root & 4095)] = number;
+    graph.nearest_[page_[slot_of(root)]][in_tile(root)] = number;
     return !first || open.push(root, 0);
 }
 
 bool CostField::run(const OccupancyGrid& grid, const Traversability& where, OpenCells& open, const std::int32_t budget,
                     const CellId until, const std::uint32_t beyond, RootGraph* const graph) {
-    const auto owner = [this, graph](const CellId of) -> std::uint8_t& {
-        return graph->nearest_[page_[static_cast<std::size_t>(of >> 12)]][static_cast<std::size_t>(of & 4095)];
-    };
     if (done_) { return true; }
     // By the byte that Traversability keeps of a cell: what a straight and a diagonal step into it cost; 0: not entered.
     std::array<std::array<std::uint32_t, 2>, 256> edge{};
@@ -132,13 +129,14 @@ bool CostField::run(const OccupancyGrid& grid, const Traversability& where, Open
     }
     CellId id = kNoCell;
     std::uint32_t at = 0;
-    std::array<CellId, 8> around{};
     for (std::int32_t k = 0; k < budget; ++k) {
         if (!open.pop(id, at)) {
             done_ = true;
             return true;
         }
-        if (cost(id) != at) { continue; }  // a cheaper way was found after this entry was made
+        const auto& page = cost_[page_[slot_of(id)]];   // an entry's cell has a cost
+        const std::uint16_t here = page[in_tile(id)];
+        if (unpack(here) != at) { continue; }  // a cheaper way was found after this entry was made
         if (at > stop_at_) {
             done_ = true;
             return true;
@@ -146,20 +144,23 @@ bool CostField::run(const OccupancyGrid& grid, const Traversability& where, Open
         ++settled_;
         if (id == until) { stop_at_ = at + beyond; }
         const bool leads_on = where.passable(id) || near_root(grid.cell(id));
-        grid.neighbours(id, around);
+        const std::uint8_t mine = graph == nullptr ? std::uint8_t{0} : graph->nearest_[page_[slot_of(id)]][in_tile(id)];
+        const bool inside = OccupancyGrid::inside_tile(id);
         for (std::size_t d = 0; d < 8; ++d) {
-            const CellId next = around[d];
+            const CellId next = inside ? id + kNeighbourStep[d] : grid.neighbour(id, static_cast<std::int32_t>(d));
             if (next == kNoCell) { continue; }
+            const std::uint16_t known = inside ? page[in_tile(next)] : packed(next);
+            std::uint8_t* const owner = graph == nullptr || known == kPackedFar ? nullptr : &graph->nearest_[page_[slot_of(next)]][in_tile(next)];
+            if (known <= here && (owner == nullptr || *owner == mine)) { continue; }  // costs keep their order when packed
             const auto byte = static_cast<std::size_t>(where.byte(next));
             // A tight cell is left, or entered from its like or from a passable one, but never crossed to come back out.
-            if (edge[byte][d & 1U] == 0U || (crossed[byte] && !leads_on)) { continue; }
-            const std::uint32_t through = rounded(at + edge[byte][d & 1U]);
-            const std::uint32_t known = cost(next);
+            if (edge[byte][d & 1U] == 0U || (!leads_on && crossed[byte])) { continue; }
+            const std::uint16_t through = packed_sum(here, at + edge[byte][d & 1U]);
             if (through < known && set(next, through)) {
-                static_cast<void>(open.push(next, through));
-                if (graph != nullptr) { owner(next) = owner(id); }
-            } else if (graph != nullptr && known != kFar && owner(next) != owner(id)) {
-                graph->meet(owner(next), owner(id), through + known);
+                static_cast<void>(open.push(next, unpack(through)));
+                if (graph != nullptr) { graph->nearest_[page_[slot_of(next)]][in_tile(next)] = mine; }
+            } else if (owner != nullptr && *owner != mine && through != kPackedFar) {
+                graph->meet(*owner, mine, unpack(through) + unpack(known));
             }
         }
     }

@@ -89,9 +89,7 @@ public:
 
     /// kFar: not reached (yet).
     [[nodiscard]] std::uint32_t cost(const CellId id) const {
-        if (id == kNoCell) { return kFar; }
-        const auto slot = static_cast<std::size_t>(id >> 12);
-        return tile_run_[slot] == run_ ? unpack(cost_[page_[slot]][static_cast<std::size_t>(id & 4095)]) : kFar;
+        return id == kNoCell ? kFar : unpack(packed(id));
     }
     /// Cells that could not be given a cost, over all runs.
     [[nodiscard]] std::uint32_t refused() const { return refused_; }
@@ -112,6 +110,12 @@ public:
         const std::uint32_t exponent = packed >> 13U;
         return exponent == 0U ? packed : ((packed & 0x1FFFU) | 0x2000U) << (exponent - 1U);
     }
+    /// pack(sum), from a cost not above it that is packed already: the same exponent most often.
+    [[nodiscard]] static constexpr std::uint16_t packed_sum(const std::uint16_t from, const std::uint32_t sum) {
+        const std::uint32_t shift = static_cast<std::uint32_t>(std::max(1, from >> 13)) - 1U;
+        const std::uint32_t mantissa = (sum + (1U << shift) - 1U) >> shift;
+        return mantissa < 0x4000U ? static_cast<std::uint16_t>((shift << 13U) + mantissa) : pack(sum);
+    }
     [[nodiscard]] bool valid() const { return run_ != 0U && done_; }
     [[nodiscard]] CellId root() const { return root_; }
     [[nodiscard]] std::int32_t settled() const { return settled_; }
@@ -120,12 +124,16 @@ public:
 
 private:
     static constexpr std::uint16_t kPackedFar = 0xFFFFU;
-    /// A cost as it comes back when it has been kept.
-    [[nodiscard]] static constexpr std::uint32_t rounded(const std::uint32_t cost) { return cost < 0x4000U ? cost : unpack(pack(cost)); }
+    [[nodiscard]] static std::size_t slot_of(const CellId id) { return static_cast<std::size_t>(id >> 12); }
+    [[nodiscard]] static std::size_t in_tile(const CellId id) { return static_cast<std::size_t>(id & 4095); }
+    [[nodiscard]] std::uint16_t packed(const CellId id) const {
+        const std::size_t slot = slot_of(id);
+        return tile_run_[slot] == run_ ? cost_[page_[slot]][in_tile(id)] : kPackedFar;
+    }
     [[nodiscard]] bool near_root(const Cell c) const {
         return std::abs(c.ix - root_cell_.ix) <= free_radius_ && std::abs(c.iy - root_cell_.iy) <= free_radius_;
     }
-    bool set(CellId id, std::uint32_t cost);   ///< false: refused
+    bool set(CellId id, std::uint16_t cost);   ///< packed; false: refused
 
     std::array<std::array<std::uint16_t, kTileArea>, kMaxFieldTiles> cost_{};
     std::array<std::uint32_t, kMaxTiles> tile_run_{};   ///< number of the run that a tile's page belongs to

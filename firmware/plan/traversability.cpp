@@ -24,24 +24,29 @@ constexpr float kCapM = 0.01F * static_cast<float>(Traversability::kCapCm);
 
 using Row = std::array<float, kBlockCells>;
 
-// Takes a hit into account in the squared distances of the cells of a block, whose middles are given; the greatest of them is the cap. It counts as nearer by
-// wider_m.
-void near(const float x_m, const float y_m, const float wider_m, const Row& middle_x_m, const Row& middle_y_m, std::array<Row, kBlockCells>& nearest_m2) {
+// Squared distance of a hit from the rectangle that the middles of a block's cells span.
+float away_m2(const float x_m, const float y_m, const Row& middle_x_m, const Row& middle_y_m) {
     const auto outside = [](const float at, const Row& middle) { return std::max({middle.front() - at, at - middle.back(), 0.0F}); };
     const float away_x_m = outside(x_m, middle_x_m);
     const float away_y_m = outside(y_m, middle_y_m);
-    if (away_x_m * away_x_m + away_y_m * away_y_m >= (kCapM + wider_m) * (kCapM + wider_m)) { return; }
+    return away_x_m * away_x_m + away_y_m * away_y_m;
+}
+
+// Takes a hit into account in the squared distances of the cells of a block, whose middles are given; the greatest of them is the cap. It counts as nearer by
+// wider_m.
+void near(const float x_m, const float y_m, const float wider_m, const Row& middle_x_m, const Row& middle_y_m, std::array<Row, kBlockCells>& nearest_m2) {
     Row x2_m2{};
     for (std::size_t i = 0; i < kBlockCells; ++i) { x2_m2[i] = (x_m - middle_x_m[i]) * (x_m - middle_x_m[i]); }
     for (std::size_t j = 0; j < kBlockCells; ++j) {
         const float y2_m2 = (y_m - middle_y_m[j]) * (y_m - middle_y_m[j]);
-        for (std::size_t i = 0; i < kBlockCells; ++i) {
-            float d2_m2 = x2_m2[i] + y2_m2;
-            if (wider_m > 0.0F) {
-                const float d_m = std::max(std::sqrt(d2_m2) - wider_m, 0.0F);
-                d2_m2 = d_m * d_m;
+        Row& row = nearest_m2[j];
+        if (wider_m > 0.0F) {
+            for (std::size_t i = 0; i < kBlockCells; ++i) {
+                const float d_m = std::max(std::sqrt(x2_m2[i] + y2_m2) - wider_m, 0.0F);
+                row[i] = std::min(row[i], d_m * d_m);
             }
-            nearest_m2[j][i] = d2_m2 < nearest_m2[j][i] ? d2_m2 : nearest_m2[j][i];
+        } else {
+            for (std::size_t i = 0; i < kBlockCells; ++i) { row[i] = std::min(row[i], x2_m2[i] + y2_m2); }
         }
     }
 }
@@ -203,22 +208,35 @@ void Traversability::update(const OccupancyGrid& grid, const float x_m, const fl
 }
 
 // A gap's middle seldom lies on a cell's centre: where the hull just does not fit there, the roomiest point of the cell counts.
-float Traversability::roomiest_m(const OccupancyGrid& grid, const float x_m, const float y_m, const float centre_m) const {
+float Traversability::roomiest_m(const OccupancyGrid& grid, const Hits& hits, const float x_m, const float y_m, const float centre_m) const {
     const float need_m = 0.01F * static_cast<float>(need_cm_);
     const float cell_m = grid.geometry().cell_m();
     if (centre_m >= need_m || centre_m <= need_m - cell_m) { return centre_m; }
+    // As OccupancyGrid::clearance_m, from the hits at hand; of two equally far the first counts there, too.
+    const auto clearance_m = [&](const float from_x_m, const float from_y_m, const float radius_m, float& hit_x_m, float& hit_y_m) {
+        if (hits.full()) { return grid.clearance_m(from_x_m, from_y_m, radius_m, &hit_x_m, &hit_y_m); }
+        float best_m2 = radius_m * radius_m;
+        for (const Point2<Map>& hit : hits) {
+            const float d_m2 = (hit.x_m - from_x_m) * (hit.x_m - from_x_m) + (hit.y_m - from_y_m) * (hit.y_m - from_y_m);
+            if (!(d_m2 < best_m2)) { continue; }
+            best_m2 = d_m2;
+            hit_x_m = hit.x_m;
+            hit_y_m = hit.y_m;
+        }
+        return std::sqrt(best_m2);
+    };
     float at_x_m = x_m;
     float at_y_m = y_m;
     float hit_x_m = x_m;
     float hit_y_m = y_m;
-    float room_m = grid.clearance_m(x_m, y_m, need_m, &hit_x_m, &hit_y_m);
+    float room_m = clearance_m(x_m, y_m, need_m, hit_x_m, hit_y_m);
     for (const float step : kStepsCells) {
         const float away = step * cell_m / std::max(room_m, cell_m);
         const float to_x_m = std::clamp(at_x_m + away * (at_x_m - hit_x_m), x_m - 0.5F * cell_m, x_m + 0.5F * cell_m);
         const float to_y_m = std::clamp(at_y_m + away * (at_y_m - hit_y_m), y_m - 0.5F * cell_m, y_m + 0.5F * cell_m);
         float there_x_m = hit_x_m;
         float there_y_m = hit_y_m;
-        const float there_m = grid.clearance_m(to_x_m, to_y_m, need_m + cell_m, &there_x_m, &there_y_m);
+        const float there_m = clearance_m(to_x_m, to_y_m, need_m + cell_m, there_x_m, there_y_m);
         if (!(there_m > room_m)) { continue; }
         room_m = there_m;
         at_x_m = to_x_m;
@@ -247,13 +265,18 @@ void Traversability::compute(const OccupancyGrid& grid, const std::int32_t block
     std::array<std::uint32_t, kSide> unknown{};
     std::array<std::uint32_t, kBlockCells> free_cells{};
     const bool stairs = stairs_near(stairs_, tile.floor, middle_x_m[kBlockCells / 2], middle_y_m[kBlockCells / 2], kStairsReachM + kCapM + kTreadM + kBlockM) != nullptr;
+    const float roomiest_reach_m = 0.01F * static_cast<float>(need_cm_) + 2.0F * grid.geometry().cell_m();   // from the cells' middles
+    Hits hits;   // within that, in rows from below
     bool any_unknown = false;
     for (std::int32_t by = -1; by <= 1; ++by) {
-        for (std::int32_t bx = -1; bx <= 1; ++bx) {
-            const Cell first{x0 + bx * kBlockCells, y0 + by * kBlockCells};
-            const std::int32_t s = grid.tile_slot(first.ix >> 6, first.iy >> 6);
-            for (std::int32_t j = 0; j < kBlockCells; ++j) {
-                const CellId id = s < 0 ? kNoCell : OccupancyGrid::id_in(s, {first.ix, first.iy + j});
+        std::array<std::int32_t, 3> slots{};
+        for (std::int32_t bx = 0; bx < 3; ++bx) {
+            slots[static_cast<std::size_t>(bx)] = grid.tile_slot((x0 + (bx - 1) * kBlockCells) >> 6, (y0 + by * kBlockCells) >> 6);
+        }
+        for (std::int32_t j = 0; j < kBlockCells; ++j) {
+            for (std::int32_t bx = -1; bx <= 1; ++bx) {
+                const std::int32_t s = slots[static_cast<std::size_t>(bx + 1)];
+                const CellId id = s < 0 ? kNoCell : OccupancyGrid::id_in(s, {x0 + bx * kBlockCells, y0 + by * kBlockCells + j});
                 const ClassBits bits = s < 0 ? ClassBits{} : grid.classes_of_eight(id);
                 unknown[static_cast<std::size_t>((by + 1) * kBlockCells + j)] |= bits.unknown() << static_cast<unsigned>((bx + 1) * kBlockCells);
                 any_unknown = any_unknown || bits.unknown() != 0U;
@@ -262,7 +285,11 @@ void Traversability::compute(const OccupancyGrid& grid, const std::int32_t block
                     float x_m = 0.0F;
                     float y_m = 0.0F;
                     grid.hit_point(id + std::countr_zero(left), x_m, y_m);
-                    near(x_m, y_m, stairs && stairs_near(stairs_, tile.floor, x_m, y_m, kStairsReachM) != nullptr ? kTreadM : 0.0F, middle_x_m, middle_y_m, nearest_m2);
+                    const float wider_m = stairs && stairs_near(stairs_, tile.floor, x_m, y_m, kStairsReachM) != nullptr ? kTreadM : 0.0F;
+                    const float away2_m2 = away_m2(x_m, y_m, middle_x_m, middle_y_m);
+                    if (away2_m2 >= (kCapM + wider_m) * (kCapM + wider_m)) { continue; }
+                    near(x_m, y_m, wider_m, middle_x_m, middle_y_m, nearest_m2);
+                    if (away2_m2 < roomiest_reach_m * roomiest_reach_m) { static_cast<void>(hits.push({x_m, y_m})); }
                 }
             }
         }
@@ -283,7 +310,7 @@ void Traversability::compute(const OccupancyGrid& grid, const std::int32_t block
             std::uint8_t result = 0;
             if ((free_cells[kj] >> ki & 1U) != 0U && fence_.depth_m(middle_x_m[ki], middle_y_m[kj]) >= kFenceInsetM) {
                 const float centre_m = std::sqrt(nearest_m2[kj][ki]);
-                const float room_m = stairs ? centre_m : roomiest_m(grid, middle_x_m[ki], middle_y_m[kj], centre_m);
+                const float room_m = stairs ? centre_m : roomiest_m(grid, hits, middle_x_m[ki], middle_y_m[kj], centre_m);
                 result = static_cast<std::uint8_t>(std::clamp<std::int32_t>(static_cast<std::int32_t>(std::lround(100.0F * room_m)), 1, kCapCm));
                 for (const Closed& c : closed_) {
                     if (std::hypot(c.x_m - middle_x_m[ki], c.y_m - middle_y_m[kj]) < kClosedM) { result = std::min(result, std::uint8_t{1}); }

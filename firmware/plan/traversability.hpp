@@ -12,6 +12,7 @@
 
 #include "core/bounded.hpp"
 #include "core/capacity.hpp"
+#include "core/frames.hpp"
 #include "map/occupancy_grid.hpp"
 #include "plan/fence.hpp"
 #include "plan/stair_signs.hpp"
@@ -75,6 +76,7 @@ public:
 
 private:
     struct Closed { float x_m; float y_m; std::int64_t until_us; };
+    using Hits = Bounded<Point2<Map>, 96>;   ///< round a block, enough for walls two cells thick all through it; full: the grid is asked
     static constexpr std::size_t kMaxClosed = 16;
     static constexpr std::int32_t kTightCm = 15;
     static constexpr float kOffFactor = 4.0F;
@@ -85,7 +87,7 @@ private:
     void look_for_changes(const OccupancyGrid& grid, std::int32_t slot);
     void enqueue(std::int32_t block);
     void compute(const OccupancyGrid& grid, std::int32_t block);
-    [[nodiscard]] float roomiest_m(const OccupancyGrid& grid, float x_m, float y_m, float centre_m) const;
+    [[nodiscard]] float roomiest_m(const OccupancyGrid& grid, const Hits& hits, float x_m, float y_m, float centre_m) const;
 
     const Parameters& p_;
     std::array<std::array<std::uint8_t, kTileArea>, kMaxTiles> value_{};

@@ -138,6 +138,16 @@ void a_packed_cost_is_never_less_and_keeps_its_order() {
     TEST_ASSERT_EQUAL_UINT32(CostField::kFar, CostField::unpack(CostField::pack(CostField::kFar)));
 }
 
+void a_sum_is_packed_as_if_by_itself() {
+    for (std::uint32_t c = 0; c <= CostField::kDearest; c += c < 70000U ? 7U : 331U) {
+        const std::uint16_t from = CostField::pack(c);
+        for (const std::uint32_t edge : {1U, 64U, 90U, 271U, 1809U}) {
+            const std::uint32_t sum = CostField::unpack(from) + edge;
+            TEST_ASSERT_EQUAL_UINT16(CostField::pack(sum), CostField::packed_sum(from, sum));
+        }
+    }
+}
+
 void a_floor_larger_than_the_pages_is_served_round_the_root() {
     constexpr std::size_t kMore = 20;   // tiles of the floor beyond the pages
     if constexpr (kMaxTiles < kMaxFieldTiles + kMore) { TEST_IGNORE_MESSAGE("the micro profile has hardly more tiles than pages"); }
@@ -316,6 +326,7 @@ int main() {
     RUN_TEST(clearances_updated_block_by_block_equal_brute_force);
     RUN_TEST(costs_equal_those_of_relaxation_to_a_fixed_point);
     RUN_TEST(a_packed_cost_is_never_less_and_keeps_its_order);
+    RUN_TEST(a_sum_is_packed_as_if_by_itself);
     RUN_TEST(a_floor_larger_than_the_pages_is_served_round_the_root);
     RUN_TEST(every_reachable_cell_has_a_way_up_after_any_number_of_sweeps);
     RUN_TEST(relaxed_values_are_the_weighted_mean_of_their_neighbours);
