@@ -211,13 +211,21 @@ bool FrontierSearch::view(const OccupancyGrid& grid, const Traversability& where
     };
     float best_score = best.view == kNoCell ? 1e9F : score_of(best.view, best.cost, std::hypot(best.view_x_m - best.x_m, best.view_y_m - best.y_m));
     bool found = false;
-    for (std::int32_t k = 0; k < kRays; ++k) {
-        const float ux = ray_x_[static_cast<std::size_t>(k)];
-        const float uy = ray_y_[static_cast<std::size_t>(k)];
+    float turn_x = 1.0F;   // by which the lines are turned
+    float turn_y = 0.0F;
+    for (std::int32_t n = 0; n < (rule.fine ? kFineParts : 1) * kRays; ++n) {
+        const auto k = static_cast<std::size_t>(n % kRays);
+        if (k == 0U && n > 0) {
+            const float turn = 2.0F * kPi * static_cast<float>(n / kRays) / static_cast<float>(kFineParts * kRays);
+            turn_x = std::cos(turn);
+            turn_y = std::sin(turn);
+        }
+        const float ux = ray_x_[k] * turn_x - ray_y_[k] * turn_y;
+        const float uy = ray_x_[k] * turn_y + ray_y_[k] * turn_x;
         bool looked = false;
         bool into_unknown = false;
         std::int32_t deep = 0;   // half cells of unknown in a row behind the frontier cell
-        const float reach_m = tries > 0 ? std::max(distance_m, p_.view_range_m) : distance_m;
+        const float reach_m = rule.fine ? p_.grid_range_max_m : tries > 0 ? std::max(distance_m, p_.view_range_m) : distance_m;
         for (float r = 0.0F; r <= reach_m; r += step_m) {
             const CellId id = reader.find(x_m + r * ux, y_m + r * uy);
             const CellClass kind = grid.cell_class(id);
@@ -301,7 +309,7 @@ bool FrontierSearch::run(const OccupancyGrid& grid, const Traversability& where,
         Frontier f;
         f.behind = unknown_behind(grid);
         if (f.behind < rule.behind_min) { continue; }
-        ++groups;
+        groups += rule.fine ? kFineParts : 1;
         f.cells = static_cast<std::int32_t>(group_.size());
         bool waits = false;
         const std::size_t count = group_.size();

@@ -59,6 +59,7 @@ struct ViewRule {
     float near_small_m = 0.0F;
     bool camera = false;          ///< patches of floor that the camera has not seen are looked for, too
     bool soundings = false;       ///< places to pass in search of openings are looked for, too
+    bool fine = false;            ///< lines of sight as long as the laser's in the grid, and kFineParts times as close: a narrow door far off lies between two others
     std::int32_t behind_min = 0;  ///< groups with fewer unknown cells behind them are left out
 };
 
@@ -108,6 +109,7 @@ public:
 
 private:
     static constexpr std::int32_t kRays = 96;         ///< lines of sight from a frontier cell
+    static constexpr std::int32_t kFineParts = 4;     ///< ViewRule::fine: lines in place of one
     static constexpr std::int32_t kTilesPerSlice = 24;
     static constexpr std::int32_t kGroupsPerSlice = 24;
     static constexpr std::int32_t kGroupRadius = 7;   ///< cells from the first one of a group; wider edges are several groups

@@ -55,6 +55,7 @@ ViewRule TourPolicy::rule() const {
     rule.behind_min = p_.reveal_min_cells;
     rule.camera = p_.camera_weight > 0.0F;
     rule.soundings = true;
+    rule.fine = empty_passes_ > 0;   // before the end is believed it is looked for closely
     return rule;
 }
 
