@@ -11,7 +11,6 @@ namespace noctule {
 namespace {
 
 constexpr float kMaxGapS = 0.2F;
-constexpr float kBrakeShare = 0.35F;     ///< of the acceleration limit that the speed profile counts on; the rest is for jerk and curves
 constexpr float kOpenBrakeShare = 0.6F;  ///< where there is room for the vehicle to swing past the end
 constexpr float kOpenM = 0.75F;          ///< clearance that counts as room
 constexpr float kCurveShare = 0.21F;     ///< of the acceleration limit in curves: a vehicle with a lag swings out in proportion to it

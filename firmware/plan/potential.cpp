@@ -28,6 +28,9 @@ constexpr std::int32_t kSlideSteps = 8;
 constexpr float kSlideLeastM = 0.01F;
 constexpr float kEnoughShare = 1.25F;  ///< of what stopping takes, and kEnoughM: a way longer than this bounds no speed
 constexpr float kEnoughM = 0.10F;
+constexpr float kFeltShare = 1.1F;     ///< of the way over which the reference brakes: what lies farther ahead bounds no speed
+constexpr float kLookM = 0.15F;        ///< beyond the clearance wanted, so that a point may move before it is looked up again
+constexpr float kRoundingM = 1e-4F;
 constexpr float kLongestM = 3.0F;      ///< of the path ahead: twice what stopping from full speed needs
 
 }  // namespace
@@ -185,9 +188,10 @@ bool Potential::trace(const OccupancyGrid& grid, const Traversability& where, co
 }
 
 // Where it is narrow each point goes across the line to where there is most room: in a gap, to its middle.
-void Potential::centre(const OccupancyGrid& grid, Bounded<PathPoint, kMaxPathPoints>& path) const {
+void Potential::centre(const OccupancyGrid& grid, const std::array<float, kMaxPathPoints>& room_least_m, Bounded<PathPoint, kMaxPathPoints>& path) const {
     const float narrow_m = p_.hull_radius_m + kCentreM;
     for (std::size_t k = 1; k + 1U < path.size(); ++k) {
+        if (room_least_m[k] > narrow_m + kRoundingM) { continue; }
         PathPoint& p = path[k];
         float room_m = grid.clearance_m(p.x_m, p.y_m, narrow_m);
         if (room_m >= narrow_m) { continue; }
@@ -230,6 +234,8 @@ float Potential::way_m(const OccupancyGrid& grid, const PathPoint& from, const f
 // An elastic band: each inner point is drawn to the middle of its neighbours and pushed away from the nearest hit point.
 void Potential::smooth(const OccupancyGrid& grid, Bounded<PathPoint, kMaxPathPoints>& path) const {
     const float wanted_m = std::min(p_.comfort_clearance_m, p_.hull_radius_m + 0.25F);
+    std::array<float, kMaxPathPoints> room_m{};   // what each point has at least: the last clearance looked up, less what it moved since
+    const auto moved_m = [](const float dx, const float dy) { return std::fabs(dx) + std::fabs(dy); };
     for (std::int32_t round = 0; round < kSmoothRounds; ++round) {
         for (std::size_t k = 1; k + 1U < path.size(); ++k) {
             PathPoint& p = path[k];
@@ -237,7 +243,9 @@ void Potential::smooth(const OccupancyGrid& grid, Bounded<PathPoint, kMaxPathPoi
             float y_m = p.y_m + 0.5F * (0.5F * (path[k - 1U].y_m + path[k + 1U].y_m) - p.y_m);
             float hit_x = 0.0F;
             float hit_y = 0.0F;
-            const float clear_m = grid.clearance_m(x_m, y_m, wanted_m, &hit_x, &hit_y);
+            float clear_m = room_m[k] - moved_m(x_m - p.x_m, y_m - p.y_m);
+            if (clear_m < wanted_m + kRoundingM) { clear_m = grid.clearance_m(x_m, y_m, wanted_m + kLookM, &hit_x, &hit_y); }
+            room_m[k] = clear_m;
             if (clear_m < wanted_m && clear_m > 1e-3F) {
                 const float push = (kSoftPush * (wanted_m - clear_m) + kHardPush * std::max(0.0F, p_.hull_radius_m + kRoomM - clear_m)) / clear_m;
                 // Between two walls a push away from the one is a push towards the other: as much of it is done as gives more room.
@@ -245,6 +253,7 @@ void Potential::smooth(const OccupancyGrid& grid, Bounded<PathPoint, kMaxPathPoi
                     const float to_x_m = x_m + share * push * (x_m - hit_x);
                     const float to_y_m = y_m + share * push * (y_m - hit_y);
                     if (!(grid.clearance_m(to_x_m, to_y_m, wanted_m) > clear_m)) { continue; }
+                    room_m[k] = clear_m - moved_m(to_x_m - x_m, to_y_m - y_m);
                     x_m = to_x_m;
                     y_m = to_y_m;
                     break;
@@ -254,10 +263,15 @@ void Potential::smooth(const OccupancyGrid& grid, Bounded<PathPoint, kMaxPathPoi
             p.y_m = y_m;
         }
     }
-    centre(grid, path);
+    centre(grid, room_m, path);
     for (PathPoint& p : path) { p.clearance_m = grid.clearance_m(p.x_m, p.y_m, kCapM); }
+    float gone_m = 0.0F;
+    float felt_m = kLongestM;   // what is farther ahead than this is not felt: from there the speed allowed before it can still be braked
     for (std::size_t k = 0; k + 1U < path.size(); ++k) {
         const PathPoint& before = path[k > 0U ? k - 1U : 0U];
+        gone_m += std::hypot(path[k].x_m - before.x_m, path[k].y_m - before.y_m);
+        if (gone_m > felt_m) { break; }
+        felt_m = std::min(felt_m, gone_m + kFeltShare * braking_m(p_, speed_at_clearance_m_s(p_, path[k].clearance_m)));
         const float dx = path[k + 1U].x_m - before.x_m;
         const float dy = path[k + 1U].y_m - before.y_m;
         const float length = std::hypot(dx, dy);

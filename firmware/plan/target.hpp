@@ -17,7 +17,7 @@ struct PathPoint {
     float x_m = 0.0F;
     float y_m = 0.0F;
     float clearance_m = 0.0F;  ///< from here to the nearest known hit point, at most about 0.8 m
-    float way_m = 10.0F;       ///< free straight on from here, along the path's direction; 10: more than stopping takes
+    float way_m = 10.0F;       ///< free straight on from here, along the path's direction; 10: more than stopping takes, or so far ahead that it bounds no speed
 };
 
 /// Speed allowed where the nearest hit point is this far from the centre of the hull: the full one from the comfortable
@@ -31,6 +31,11 @@ struct PathPoint {
 
 /// From the centre of the hull to a hit point: what the guard keeps at least.
 [[nodiscard]] inline float least_held_m(const Parameters& p) { return p.hull_radius_m + std::min(p.guard_least_m, p.guard_margin_m); }
+
+constexpr float kBrakeShare = 0.35F;  ///< of the acceleration limit that the speed profile counts on; the rest is for jerk and curves
+
+/// The longest way over which the reference brakes to a stop from a speed. docs/maths/command.md, equation (2).
+[[nodiscard]] inline float braking_m(const Parameters& p, const float speed_m_s) { return 0.5F * speed_m_s * speed_m_s / (kBrakeShare * p.accel_max_m_s2); }
 
 constexpr float kAnswerS = 0.25F;    ///< until the vehicle brakes because of a setpoint
 constexpr float kStopShare = 0.8F;   ///< of the acceleration limit: what a vehicle is sure to brake with
