@@ -4,6 +4,7 @@
 #include <cmath>
 #include <limits>
 
+#include "core/length.hpp"
 #include "plan/fence.hpp"
 #include "plan/target.hpp"
 
@@ -16,6 +17,7 @@ constexpr float kBlindReachM = 1.0F;    ///< in the sector that the laser does n
 constexpr float kForesightS = 0.4F;     ///< motion this far ahead must stay clear
 constexpr float kGentleShare = 0.85F;    ///< of the speed from which it can stop: from there on it is slowed, at that speed it is stopped
 constexpr float kTurnBackS = 0.5F;      ///< the setpoint is drawn back by what is too fast in this time
+constexpr float kRounding = 1e-5F;
 constexpr float kMeanArcM = 0.008F;     ///< hit points this far to either side count into the mean range: noise has no say
 constexpr float kMeanSigmas = 2.0F;     ///< but not what lies deeper or nearer than the noise explains: a wall seen along its face recedes
 constexpr float kLeastSigmaM = 0.003F;
@@ -50,14 +52,26 @@ void Guard::gather(const Estimate& estimate, const LevelScan& scan, const Occupa
     near_.clear();
     const Pose2<Map, Body>& pose = estimate.planar.pose_map_body;
     float widest_rad = 0.0F;
+    float widest_x_m = 0.0F;   // a point that is seen at that angle
+    float widest_y_m = 0.0F;
     float nearest = kReachM;
     const auto count = static_cast<std::int32_t>(scan.points.size());
     const float like_m = kMeanSigmas * std::clamp(scan.range_noise_m, kLeastSigmaM, kMostSigmaM);
     for (std::int32_t k = 0; k < count; ++k) {
         const ScanPoint& p = scan.points[static_cast<std::size_t>(k)];
-        widest_rad = std::max(widest_rad, std::fabs(std::atan2(p.y_m, p.x_m)));
+        // Its angle is worked out only if it may be wider than the widest so far: by the sine of what it is wider, and what rounding may take.
+        const float wider = std::fabs(p.y_m) * widest_x_m - p.x_m * widest_y_m;
+        const float rounding = kRounding * (std::fabs(p.y_m) * std::fabs(widest_x_m) + std::fabs(p.x_m) * widest_y_m);
+        if (!(wider < -rounding)) {
+            const float off_rad = std::fabs(std::atan2(p.y_m, p.x_m));
+            if (off_rad > widest_rad) {
+                widest_rad = off_rad;
+                widest_x_m = p.x_m;
+                widest_y_m = std::fabs(p.y_m);
+            }
+        }
         if (!p.hit) { continue; }
-        const float r = std::hypot(p.x_m, p.y_m);
+        const float r = length_of(p.x_m, p.y_m);
         if (!(r < kReachM)) { continue; }
         // The nearest of a thousand noisy points is always too near: a point counts by the mean range of its neighbours.
         float sum = r;
@@ -66,7 +80,7 @@ void Guard::gather(const Estimate& estimate, const LevelScan& scan, const Occupa
             for (std::int32_t n = k + side; n >= 0 && n < count; n += side) {
                 const ScanPoint& q = scan.points[static_cast<std::size_t>(n)];
                 if (std::fabs(p.x_m * q.y_m - p.y_m * q.x_m) > kMeanArcM * r + 1e-6F) { break; }   // about the arc times both ranges
-                const float q_m = std::hypot(q.x_m, q.y_m);
+                const float q_m = length_of(q.x_m, q.y_m);
                 if (!q.hit || std::fabs(q_m - r) > like_m) { continue; }
                 sum += q_m;
                 ++summed;

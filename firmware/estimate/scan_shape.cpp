@@ -1,6 +1,6 @@
 #include "estimate/scan_shape.hpp"
 
-#include <cmath>
+#include "core/length.hpp"
 
 namespace noctule {
 
@@ -24,8 +24,8 @@ constexpr float kNear_m = 0.15F;      // hits on the vehicle itself
     const auto finish = [&] { return count <= 0.0F || out.push({sum_x / count, sum_y / count}); };
     for (const ScanPoint& point : scan.points) {
         if (!point.hit || point.range_m < kNear_m) { continue; }
-        const bool same = count > 0.0F && std::hypot(point.x_m - first_x, point.y_m - first_y) < spacing_m &&
-                          std::hypot(point.x_m - last_x, point.y_m - last_y) < 0.5F * spacing_m;
+        const bool same = count > 0.0F && length_of(point.x_m - first_x, point.y_m - first_y) < spacing_m &&
+                          length_of(point.x_m - last_x, point.y_m - last_y) < 0.5F * spacing_m;
         if (!same) {
             if (out.full() || !finish()) { return false; }
             sum_x = sum_y = count = 0.0F;

@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/length.hpp"
 #include "estimate/wall_filter.hpp"
 
 namespace noctule {
@@ -171,7 +172,7 @@ void WallFilter::prepare_bearings(const LevelScan& scan) {
     for (const ScanPoint& point : scan.points) {
         const float bearing_rad = std::atan2(point.y_m, point.x_m);
         const auto bin = static_cast<std::size_t>((bearing_rad + kPi) * kScale) % kBearingBins;
-        farthest_m_[bin] = std::max(farthest_m_[bin], std::hypot(point.x_m, point.y_m));
+        farthest_m_[bin] = std::max(farthest_m_[bin], length_of(point.x_m, point.y_m));
     }
 }
 
@@ -191,7 +192,7 @@ void WallFilter::look_for_landmarks(Particle& particle, const std::array<bool, k
             const Point2<Map> p = landmark.at(landmark.from_m + share * (landmark.to_m - landmark.from_m));
             const float dx = p.x_m - particle.pose.x_m;
             const float dy = p.y_m - particle.pose.y_m;
-            const float range_m = std::hypot(dx, dy);
+            const float range_m = length_of(dx, dy);
             if (range_m > 0.95F * range_max_m_ || range_m < 0.3F) { continue; }
             const float bearing_rad = std::atan2(c * dy - s * dx, c * dx + s * dy);
             const auto bin = static_cast<std::size_t>((bearing_rad + kPi) * kScale) % kBearingBins;

@@ -4,6 +4,8 @@
 #include <cmath>
 #include <limits>
 
+#include "core/length.hpp"
+
 namespace noctule {
 
 namespace {
@@ -320,7 +322,7 @@ void OccupancyGrid::integrate(const Estimate& estimate, const LevelScan& scan) {
     const auto beam_to = [](const Point2<Map>& o, const float ex, const float ey) {
         const float dx = ex - o.x_m;
         const float dy = ey - o.y_m;
-        const float length = std::hypot(dx, dy);
+        const float length = length_of(dx, dy);
         return Beam{o.x_m, o.y_m, dx / length, dy / length, length > 1e-3F ? length : -1.0F};
     };
     const auto end = [&](const ScanPoint& p) {
@@ -331,7 +333,7 @@ void OccupancyGrid::integrate(const Estimate& estimate, const LevelScan& scan) {
         if (!p.hit) { continue; }
         const Point2<Map> o = origin(p);
         const Point2<Map> e = end(p);
-        const float length = std::hypot(e.x_m - o.x_m, e.y_m - o.y_m);
+        const float length = length_of(e.x_m - o.x_m, e.y_m - o.y_m);
         if (!(length <= range_max)) { continue; }  // too far, or not a number
         ++counters_.beams_used;
         if (half > 0.5F) {
@@ -348,7 +350,7 @@ void OccupancyGrid::integrate(const Estimate& estimate, const LevelScan& scan) {
         const ScanPoint& p = scan.points[k];
         const Point2<Map> o = origin(p);
         const Point2<Map> e = end(p);
-        const float length = std::hypot(e.x_m - o.x_m, e.y_m - o.y_m);
+        const float length = length_of(e.x_m - o.x_m, e.y_m - o.y_m);
         if (!std::isfinite(length) || length < 1e-3F) { continue; }
         float clear_to = std::min(length - std::max(half, 0.5F), range_max);
         if (!p.hit) {

@@ -10,6 +10,7 @@ namespace {
 constexpr float kSteps[2] = {64.0F, 90.50967F};   ///< cost of a straight and of a diagonal step at full speed
 constexpr float kTightFactor = 6.0F;              ///< slowness where the hull fits without its margin
 constexpr float kSlowest = 20.0F;                 ///< keeps an edge below the ring of buckets
+constexpr CellId kRimStep[8] = {0, 1, 2, 3, 4, 5, 6, 7};
 
 }  // namespace
 
@@ -118,14 +119,19 @@ bool CostField::run(const OccupancyGrid& grid, const Traversability& where, Open
                     const CellId until, const std::uint32_t beyond, RootGraph* const graph) {
     if (done_) { return true; }
     // By the byte that Traversability keeps of a cell: what a straight and a diagonal step into it cost; 0: not entered.
-    std::array<std::array<std::uint32_t, 2>, 256> edge{};
-    std::array<bool, 256> crossed{};
+    // A tight cell is left, or entered from its like or from a passable one, but never crossed to come back out.
+    using Edges = std::array<std::array<std::uint16_t, 2>, 256>;
+    Edges from_passable{};
+    Edges from_tight{};
     for (std::int32_t v = 0; v < 256; ++v) {
-        const auto k = static_cast<std::size_t>(v);
-        crossed[k] = where.passable_byte(v);
-        if (!crossed[k] && !Traversability::tight_byte(v)) { continue; }
-        const float slow = crossed[k] ? where.slowness_byte(v) : kTightFactor;
-        for (std::size_t d = 0; d < 2; ++d) { edge[k][d] = static_cast<std::uint32_t>(kSteps[d] * std::min(slow, kSlowest)); }
+        const bool crossed = where.passable_byte(v);
+        if (!crossed && !Traversability::tight_byte(v)) { continue; }
+        const float slow = crossed ? where.slowness_byte(v) : kTightFactor;
+        for (std::size_t d = 0; d < 2; ++d) {
+            const auto cost = static_cast<std::uint16_t>(kSteps[d] * std::min(slow, kSlowest));
+            from_passable[static_cast<std::size_t>(v)][d] = cost;
+            from_tight[static_cast<std::size_t>(v)][d] = crossed ? std::uint16_t{0} : cost;
+        }
     }
     CellId id = kNoCell;
     std::uint32_t at = 0;
@@ -134,7 +140,7 @@ bool CostField::run(const OccupancyGrid& grid, const Traversability& where, Open
             done_ = true;
             return true;
         }
-        const auto& page = cost_[page_[slot_of(id)]];   // an entry's cell has a cost
+        auto& page = cost_[page_[slot_of(id)]];   // an entry's cell has a cost
         const std::uint16_t here = page[in_tile(id)];
         if (unpack(here) != at) { continue; }  // a cheaper way was found after this entry was made
         if (at > stop_at_) {
@@ -143,28 +149,44 @@ bool CostField::run(const OccupancyGrid& grid, const Traversability& where, Open
         }
         ++settled_;
         if (id == until) { stop_at_ = at + beyond; }
-        const bool leads_on = where.passable(id) || near_root(grid.cell(id));
-        const std::uint8_t mine = graph == nullptr ? std::uint8_t{0} : graph->nearest_[page_[slot_of(id)]][in_tile(id)];
+        const Edges& edges = where.passable(id) || near_root(grid.cell(id)) ? from_passable : from_tight;
+        // What is known of the cells round it: read where it stands if they are in the same tile, else gathered.
         const bool inside = OccupancyGrid::inside_tile(id);
+        Rim rim;
+        if (!inside) { gather(grid, where, graph, id, rim); }
+        const CellId* const step = inside ? kNeighbourStep : kRimStep;
+        const std::uint16_t* const cost_at = inside ? &page[in_tile(id)] : rim.cost.data();
+        const std::uint8_t* const byte_at = inside ? where.bytes(id) : rim.byte.data();
+        const std::uint8_t* const own = graph == nullptr ? nullptr : &graph->nearest_[page_[slot_of(id)]][in_tile(id)];
+        const std::uint8_t* const owner_at = inside ? own : rim.owner.data();
         for (std::size_t d = 0; d < 8; ++d) {
-            const CellId next = inside ? id + kNeighbourStep[d] : grid.neighbour(id, static_cast<std::int32_t>(d));
-            if (next == kNoCell) { continue; }
-            const std::uint16_t known = inside ? page[in_tile(next)] : packed(next);
-            std::uint8_t* const owner = graph == nullptr || known == kPackedFar ? nullptr : &graph->nearest_[page_[slot_of(next)]][in_tile(next)];
-            if (known <= here && (owner == nullptr || *owner == mine)) { continue; }  // costs keep their order when packed
-            const auto byte = static_cast<std::size_t>(where.byte(next));
-            // A tight cell is left, or entered from its like or from a passable one, but never crossed to come back out.
-            if (edge[byte][d & 1U] == 0U || (!leads_on && crossed[byte])) { continue; }
-            const std::uint16_t through = packed_sum(here, at + edge[byte][d & 1U]);
-            if (through < known && set(next, through)) {
+            const CellId s = step[d];
+            const std::uint16_t known = cost_at[s];
+            if (known <= here && (graph == nullptr || owner_at[s] == *own)) { continue; }  // costs keep their order when packed
+            const std::uint32_t edge = edges[byte_at[s]][d & 1U];
+            if (edge == 0U) { continue; }
+            const std::uint16_t through = packed_sum(here, at + edge);
+            if (through < known) {
+                const CellId next = inside ? id + s : rim.id[d];
+                if (!set(next, through)) { continue; }
                 static_cast<void>(open.push(next, unpack(through)));
-                if (graph != nullptr) { graph->nearest_[page_[slot_of(next)]][in_tile(next)] = mine; }
-            } else if (owner != nullptr && *owner != mine && through != kPackedFar) {
-                graph->meet(*owner, mine, unpack(through) + unpack(known));
+                if (graph != nullptr) { graph->nearest_[page_[slot_of(next)]][in_tile(next)] = *own; }
+            } else if (graph != nullptr && known != kPackedFar && through != kPackedFar && owner_at[s] != *own) {
+                graph->meet(owner_at[s], *own, unpack(through) + unpack(known));
             }
         }
     }
     return false;
+}
+
+void CostField::gather(const OccupancyGrid& grid, const Traversability& where, const RootGraph* const graph, const CellId id, Rim& rim) const {
+    for (std::size_t d = 0; d < 8; ++d) {
+        const CellId next = grid.neighbour(id, static_cast<std::int32_t>(d));
+        rim.id[d] = next;
+        rim.byte[d] = next == kNoCell ? std::uint8_t{0} : *where.bytes(next);
+        rim.cost[d] = next == kNoCell ? kPackedFar : packed(next);
+        if (graph != nullptr && rim.cost[d] != kPackedFar) { rim.owner[d] = graph->nearest_[page_[slot_of(next)]][in_tile(next)]; }
+    }
 }
 
 }  // namespace noctule

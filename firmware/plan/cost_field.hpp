@@ -134,6 +134,14 @@ private:
         return std::abs(c.ix - root_cell_.ix) <= free_radius_ && std::abs(c.iy - root_cell_.iy) <= free_radius_;
     }
     bool set(CellId id, std::uint16_t cost);   ///< packed; false: refused
+    /// What is known of the cells round one at the rim of its tile.
+    struct Rim {
+        std::array<CellId, 8> id;
+        std::array<std::uint16_t, 8> cost;
+        std::array<std::uint8_t, 8> byte;
+        std::array<std::uint8_t, 8> owner;   ///< root, where there is a cost
+    };
+    void gather(const OccupancyGrid& grid, const Traversability& where, const RootGraph* graph, CellId id, Rim& rim) const;
 
     std::array<std::array<std::uint16_t, kTileArea>, kMaxFieldTiles> cost_{};
     std::array<std::uint32_t, kMaxTiles> tile_run_{};   ///< number of the run that a tile's page belongs to

@@ -62,9 +62,9 @@ public:
     [[nodiscard]] float slowness(const CellId id) const { return slowness_[static_cast<std::size_t>(clearance_cm(id))]; }
 
     // The same by the byte that is kept of a cell, for loops that look at many: clearance in cm; +128: something unknown under the hull.
-    [[nodiscard]] std::int32_t byte(const CellId id) const {
-        return value_[static_cast<std::size_t>(id >> 12)][static_cast<std::size_t>(id & 4095)];
-    }
+    [[nodiscard]] std::int32_t byte(const CellId id) const { return *bytes(id); }
+    /// Where it stands; those of the other cells of the tile stand round it, as their handles do.
+    [[nodiscard]] const std::uint8_t* bytes(const CellId id) const { return &value_[static_cast<std::size_t>(id >> 12)][static_cast<std::size_t>(id & 4095)]; }
     [[nodiscard]] bool passable_byte(const std::int32_t byte) const { return byte >= need_cm_ && byte < 0x80; }
     [[nodiscard]] static bool tight_byte(const std::int32_t byte) { return (byte & 0x7F) >= kTightCm; }
     [[nodiscard]] float slowness_byte(const std::int32_t byte) const { return slowness_[static_cast<std::size_t>(std::min(byte & 0x7F, kCapCm))]; }
