@@ -155,6 +155,28 @@ void it_heads_for_something_no_faster_than_the_guard_lets_it() {
     TEST_ASSERT_FLOAT_WITHIN(0.01F, 0.7F * speed_at_clearance_m_s(p, 0.37F), fastest(10.0F, 0.37F));
 }
 
+void what_is_farther_ahead_than_it_brakes_bounds_no_speed() {
+    const Parameters p;
+    // Speed after a while on a path whose way straight on is none at all from this far on.
+    const auto speed_m_s = [&p](const float from_m, const float clearance_m) {
+        Reference r{p};
+        Setpoint s;
+        for (int k = 0; k < 100; ++k) {
+            Target t = along(s.x_m, 0.0F, s.x_m + 4.0F, 0.0F, clearance_m);
+            for (PathPoint& q : t.path) {
+                if (q.x_m - s.x_m > from_m) { q.way_m = 0.0F; }
+            }
+            s = r.step(at(s), t, 1000000 + 50000LL * k);
+        }
+        return s.vx_m_s;
+    };
+    for (const float clearance_m : {0.5F, 0.6F, 0.7F, 2.0F}) {
+        const float felt_m = braking_m(p, speed_at_clearance_m_s(p, clearance_m));
+        TEST_ASSERT_TRUE(speed_m_s(10.0F, clearance_m) == speed_m_s(1.05F * felt_m, clearance_m));
+        TEST_ASSERT_TRUE(speed_m_s(0.3F * felt_m, clearance_m) < speed_m_s(10.0F, clearance_m));
+    }
+}
+
 void it_waits_for_a_vehicle_that_does_not_follow() {
     const Parameters p;
     Reference r{p};
@@ -223,6 +245,7 @@ int main() {
     RUN_TEST(a_sharp_turn_is_braked_into);
     RUN_TEST(it_is_slow_where_it_is_narrow);
     RUN_TEST(it_heads_for_something_no_faster_than_the_guard_lets_it);
+    RUN_TEST(what_is_farther_ahead_than_it_brakes_bounds_no_speed);
     RUN_TEST(it_waits_for_a_vehicle_that_does_not_follow);
     RUN_TEST(hold_stops_within_the_braking_distance);
     RUN_TEST(landing_pushes_through_the_floor_slowly_and_never_far_below_the_vehicle);
