@@ -1,5 +1,6 @@
 // The map's side of the wall filter: how landmarks learn, are tied, found again, merged, and given up.
 #include <algorithm>
+#include <bit>
 #include <cmath>
 
 #include "core/length.hpp"
@@ -9,9 +10,9 @@ namespace noctule {
 
 namespace {
 
-constexpr std::int16_t kTrustStart = 2;   // algorithms E
-constexpr std::int16_t kTrustGain = 2;
-constexpr std::int16_t kTrustCap = 80;
+constexpr std::int8_t kTrustStart = 2;   // algorithms E
+constexpr std::int8_t kTrustGain = 2;
+constexpr std::int8_t kTrustCap = 80;
 constexpr float kSeeThrough_m = 0.25F;
 constexpr float kOccluded_m = 0.15F;
 constexpr float kMergeShare = 0.5F;         // of the floors that association forgives
@@ -20,6 +21,28 @@ constexpr float kMergeOverlap_m = 0.2F;
 constexpr float kWholeWall_m = 1.0F;
 constexpr float kSlip_m = 0.005F;           // along walls, in a metre, where no wall across is in view (docs/maths/localisation.md#drift)
 constexpr std::int16_t kFleeting = 5;       // sweeps below which a wall is not kept over a loss
+
+/// A bit for each landmark of a particle.
+class WallSet {
+public:
+    void set(const std::int32_t i, const bool on) {
+        std::uint64_t& word = words_[static_cast<std::size_t>(i >> 6)];
+        word = on ? word | bit(i) : word & ~bit(i);
+    }
+    [[nodiscard]] bool has(const std::int32_t i) const { return (words_[static_cast<std::size_t>(i >> 6)] & bit(i)) != 0U; }
+    /// The last one not after i; -1: none.
+    [[nodiscard]] std::int32_t last_to(const std::int32_t i) const {
+        std::uint64_t word = words_[static_cast<std::size_t>(i >> 6)] & (~std::uint64_t{0} >> static_cast<unsigned>(63 - (i & 63)));
+        for (std::int32_t k = i >> 6;; word = words_[static_cast<std::size_t>(k)]) {
+            if (word != 0U) { return k * 64 + 63 - std::countl_zero(word); }
+            if (--k < 0) { return -1; }
+        }
+    }
+
+private:
+    static std::uint64_t bit(const std::int32_t i) { return std::uint64_t{1} << static_cast<unsigned>(i & 63); }
+    std::array<std::uint64_t, (kMaxLandmarks + 63U) / 64U> words_{};
+};
 
 }  // namespace
 
@@ -32,13 +55,14 @@ void WallFilter::learn(Landmark& landmark, const WallObservation& wall, const Po
     const float d_s = wall.rho_m - expected.rho_m + lever_m * d_beta;
     const LineCovariance noise = wall.covariance.scaled(noise_scale).sheared(lever_m);
     fuse_line(landmark, d_s, d_beta, noise);
+    landmark.changed = true;
     landmark.covariance.rho_rho = std::max(landmark.covariance.rho_rho, parameters_.landmark_floor_m * parameters_.landmark_floor_m);
     landmark.covariance.alpha_alpha = std::max(landmark.covariance.alpha_alpha, parameters_.landmark_floor_rad * parameters_.landmark_floor_rad);
     const Point2<Map> end0 = pose * wall.at(wall.from_m);
     const Point2<Map> end1 = pose * wall.at(wall.to_m);
     landmark.from_m = std::min(landmark.from_m, landmark.along(end0.x_m, end0.y_m));
     landmark.to_m = std::max(landmark.to_m, landmark.along(end1.x_m, end1.y_m));
-    landmark.trust = std::min<std::int16_t>(kTrustCap, static_cast<std::int16_t>(landmark.trust + kTrustGain));
+    landmark.trust = static_cast<std::int8_t>(std::min<std::int32_t>(kTrustCap, landmark.trust + kTrustGain));
     landmark.seen = std::min<std::int16_t>(32000, static_cast<std::int16_t>(landmark.seen + 1));
 }
 
@@ -119,9 +143,20 @@ void WallFilter::merge_landmarks(Particle& particle) {
     const float floor_rad = kMergeShare * parameters_.association_floor_rad;
     const LineCovariance floor{floor_m * floor_m, 0.0F, floor_rad * floor_rad};
     const float least_density = std::log(parameters_.new_wall_density);
+    // Two that stayed as they were since they were compared last stay two walls.
+    WallSet changed;
+    for (std::int32_t i = 0; i < particle.count; ++i) {
+        Landmark& landmark = particle.landmarks[static_cast<std::size_t>(i)];
+        changed.set(i, landmark.changed);
+        landmark.changed = false;
+    }
     for (std::int32_t i = 0; i < particle.count; ++i) {
         Landmark& a = particle.landmarks[static_cast<std::size_t>(i)];
         for (std::int32_t j = particle.count - 1; j > i; --j) {
+            if (!changed.has(i)) {
+                j = changed.last_to(j);
+                if (j <= i) { break; }
+            }
             const Landmark& b = particle.landmarks[static_cast<std::size_t>(j)];
             if (a.cos_beta * b.cos_beta + a.sin_beta * b.sin_beta < kMergeDirection) { continue; }
             const Point2<Map> b0 = b.at(b.from_m);
@@ -155,7 +190,10 @@ void WallFilter::merge_landmarks(Particle& particle) {
                 const Point2<Map> tied = b.at(b.tied_along_m);
                 a.tied_along_m = a.along(tied.x_m, tied.y_m);
             }
+            a.changed = true;   // those before it have yet to be compared with what it has become
+            changed.set(i, true);
             particle.landmarks[static_cast<std::size_t>(j)] = particle.landmarks[static_cast<std::size_t>(particle.count - 1)];
+            changed.set(j, changed.has(particle.count - 1));
             --particle.count;
             ++counters_.merged;
         }
@@ -206,9 +244,9 @@ void WallFilter::look_for_landmarks(Particle& particle, const std::array<bool, k
             if (farthest_m_[bin] > range_m + kSeeThrough_m) { ++passed; }
         }
         if (in_view == 0) { continue; }
-        std::int16_t loss = 1;
-        if (through_only && passed == in_view) { loss = static_cast<std::int16_t>(kLookPeriod); }
-        landmark.trust = static_cast<std::int16_t>(landmark.trust - loss);
+        std::int8_t loss = 1;
+        if (through_only && passed == in_view) { loss = static_cast<std::int8_t>(kLookPeriod); }
+        landmark.trust = static_cast<std::int8_t>(landmark.trust - loss);
         if (landmark.trust < 0) {
             landmark = particle.landmarks[static_cast<std::size_t>(particle.count - 1)];
             --particle.count;
@@ -239,7 +277,9 @@ void WallFilter::change_layer(StoredWalls& from, StoredWalls& to) {
     to.count = 0;
 }
 
-bool WallFilter::keep_most(StoredWalls& store, const Landmark& landmark) {
+bool WallFilter::keep_most(StoredWalls& store, const Landmark& wall) {
+    Landmark landmark = wall;
+    landmark.changed = true;   // its new neighbours have yet to be compared with it
     if (store.count < static_cast<std::int32_t>(kMaxLandmarks)) {
         store.landmarks[static_cast<std::size_t>(store.count++)] = landmark;
         return true;

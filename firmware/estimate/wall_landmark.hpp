@@ -78,7 +78,8 @@ struct Landmark {
     float drift_rad2 = 0.0F;
     float tied_along_m = 0.0F;  ///< coordinate along the wall of that pose
     FrameDoubt doubt;           ///< of that pose, in all directions
-    std::int16_t trust = 0;   ///< visibility counter
+    std::int8_t trust = 0;    ///< visibility counter
+    bool changed = true;      ///< since it was last compared with the other walls of its particle
     std::int16_t seen = 0;    ///< sweeps that matched it
 
     /// Coordinate along the wall of a point, from the anchor.

@@ -249,8 +249,8 @@ struct OccupancyGrid::Walk {
         }
     }
     /// How far along the beam the cell's centre lies: never less than that of the cell before, at most half a diagonal past `entered`.
-    [[nodiscard]] float centre_along(const Beam& beam) const {
-        return (static_cast<float>(ix) + 0.5F - beam.origin_x) * beam.dir_x + (static_cast<float>(iy) + 0.5F - beam.origin_y) * beam.dir_y;
+    [[nodiscard]] float centre_along(const Beam& beam, const Cell counted_from = {}) const {
+        return (static_cast<float>(counted_from.ix + ix) + 0.5F - beam.origin_x) * beam.dir_x + (static_cast<float>(counted_from.iy + iy) + 0.5F - beam.origin_y) * beam.dir_y;
     }
 
     static constexpr float kFar = 1e9F;
@@ -268,25 +268,26 @@ struct OccupancyGrid::Walk {
 // Cells whose centre, projected on the beam, lies before `clear_to` are crossed. Most of them a beam beside this one has entered already.
 void OccupancyGrid::clear_along(const Beam& beam, const float clear_to, const float rise) {
     static constexpr std::array<std::uint64_t, kTileCells> kUntouched{};
-    std::int32_t corner_x = std::numeric_limits<std::int32_t>::min();   // of the tile that the beam is in
-    std::int32_t corner_y = 0;
+    Walk at{beam};
+    Cell corner{at.ix - kTileCells, at.iy};   // of the tile that the beam is in: the walk counts its cells from there
+    at.ix = kTileCells;                       // not in one yet
+    at.iy = 0;
     std::int32_t slot = -1;
     std::uint64_t* rows = nullptr;
     const std::uint64_t* done = kUntouched.data();
     const float surely = std::min(clear_to - kHalfDiagonalCells, beam.length);
-    for (Walk at{beam}; at.entered < surely || (at.entered <= beam.length && at.centre_along(beam) < clear_to); at.step()) {
-        auto i = static_cast<std::uint32_t>(at.ix) - static_cast<std::uint32_t>(corner_x);
-        auto j = static_cast<std::uint32_t>(at.iy) - static_cast<std::uint32_t>(corner_y);
-        if ((i | j) >= static_cast<std::uint32_t>(kTileCells)) {
-            corner_x = at.ix & ~63;
-            corner_y = at.iy & ~63;
-            i = static_cast<std::uint32_t>(at.ix & 63);
-            j = static_cast<std::uint32_t>(at.iy & 63);
-            slot = slot_or_lay(at.ix >> 6, at.iy >> 6);
+    for (; at.entered < surely || (at.entered <= beam.length && at.centre_along(beam, corner) < clear_to); at.step()) {
+        if (static_cast<std::uint32_t>(at.ix | at.iy) >= static_cast<std::uint32_t>(kTileCells)) {
+            const Cell c{corner.ix + at.ix, corner.iy + at.iy};
+            at.ix = c.ix & 63;
+            at.iy = c.iy & 63;
+            corner = {c.ix - at.ix, c.iy - at.iy};
+            slot = slot_or_lay(c.ix >> 6, c.iy >> 6);
             rows = slot < 0 ? nullptr : touched_rows(slot);
             done = rows == nullptr ? kUntouched.data() : rows;
         }
-        if ((done[j] >> i & 1U) == 0U && slot >= 0) { miss(id_in(slot, {at.ix, at.iy}), rows, beam, clear_to, rise); }
+        if ((done[at.iy] >> static_cast<unsigned>(at.ix) & 1U) != 0U) { continue; }
+        if (slot >= 0) { miss(id_in(slot, {at.ix, at.iy}), rows, beam, clear_to, rise); }
     }
 }
 

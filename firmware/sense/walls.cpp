@@ -32,12 +32,6 @@ constexpr float kTiltShare = 0.5F;
 
 }  // namespace
 
-Point2<Body> WallObservation::at(const float along_m) const {
-    const float c = std::cos(alpha_rad);
-    const float s = std::sin(alpha_rad);
-    return {rho_m * c - along_m * s, rho_m * s + along_m * c};
-}
-
 void WallExtractor::collect_hits(const LevelScan& scan) {
     hit_count_ = 0;
     sums_[0] = {};

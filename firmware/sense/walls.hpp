@@ -6,6 +6,7 @@
 #pragma once
 
 #include <array>
+#include <cmath>
 #include <cstdint>
 
 #include "core/bounded.hpp"
@@ -27,7 +28,11 @@ struct WallObservation {
     float to_m = 0.0F;
     std::int32_t points = 0;
 
-    [[nodiscard]] Point2<Body> at(float along_m) const;
+    [[nodiscard]] Point2<Body> at(const float along_m) const {
+        const float c = std::cos(alpha_rad);
+        const float s = std::sin(alpha_rad);
+        return {rho_m * c - along_m * s, rho_m * s + along_m * c};
+    }
 };
 
 using WallObservations = Bounded<WallObservation, kMaxWallsPerScan>;

@@ -99,6 +99,24 @@ void a_door_splits_no_wall_and_two_rooms_share_none() {
     TEST_ASSERT_EQUAL_INT32(3, scene.filter->best_landmarks());
 }
 
+void two_pieces_that_grow_over_one_another_become_one_wall() {
+    const Parameters parameters;
+    Scene scene(parameters);
+    const Pose2<Map, Body> pose{};
+    // Long enough for every particle to have found them two walls.
+    for (int i = 0; i < 25; ++i) { scene.step(still(), {seen(pose, -6.0F, 2.0F, -3.0F, 2.0F), seen(pose, 1.0F, 2.0F, 4.0F, 2.0F)}); }
+    TEST_ASSERT_EQUAL_INT32(2, scene.filter->best_landmarks());
+    TEST_ASSERT_EQUAL_UINT32(0U, scene.filter->counters().merged);
+    for (int i = 0; i < 25; ++i) { scene.step(still(), {seen(pose, -6.0F, 2.0F, 1.5F, 2.0F)}); }   // the gap was no gap
+    TEST_ASSERT_EQUAL_INT32(1, scene.filter->best_landmarks());
+    Bounded<WallSegment, kMaxWalls> walls;
+    scene.filter->best_walls(walls);
+    const float x0_m = std::min(walls[0].end0.x_m, walls[0].end1.x_m);
+    const float x1_m = std::max(walls[0].end0.x_m, walls[0].end1.x_m);
+    TEST_ASSERT_FLOAT_WITHIN(0.05F, -6.0F, x0_m);
+    TEST_ASSERT_FLOAT_WITHIN(0.05F, 4.0F, x1_m);
+}
+
 void the_two_faces_of_a_wall_are_two_landmarks() {
     const Parameters parameters;
     Scene scene(parameters);
@@ -265,6 +283,7 @@ int main() {
     UNITY_BEGIN();
     RUN_TEST(corrects_a_wrong_prediction_from_two_walls);
     RUN_TEST(a_door_splits_no_wall_and_two_rooms_share_none);
+    RUN_TEST(two_pieces_that_grow_over_one_another_become_one_wall);
     RUN_TEST(the_two_faces_of_a_wall_are_two_landmarks);
     RUN_TEST(full_pool_lets_the_least_seen_go);
     RUN_TEST(a_wall_that_beams_pass_through_is_removed);
