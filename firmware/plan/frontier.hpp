@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstdint>
 
 #include "core/bounded.hpp"
@@ -42,12 +43,19 @@ struct Frontier {
     std::int32_t behind = 0;  ///< unknown cells that hang together behind it, within kBehindCells of its middle
 };
 
+/// All that is unknown behind a stop [m^2].
+[[nodiscard]] inline float behind_m2(const Parameters& p, const Frontier& f) { return p.grid_cell_m * p.grid_cell_m * static_cast<float>(f.behind); }
+
 /// What a stop will reveal [m^2]: all that is unknown behind it, but a pocket is not much deeper than its mouth is wide.
 [[nodiscard]] inline float reveals_m2(const Parameters& p, const Frontier& f) {
     constexpr float kDepth = 2.0F;   // area of a pocket over the square of its mouth
     const float mouth_m = p.grid_cell_m * static_cast<float>(f.cells);
-    return std::min(p.grid_cell_m * p.grid_cell_m * static_cast<float>(f.behind), kDepth * mouth_m * mouth_m);
+    return std::min(behind_m2(p, f), kDepth * mouth_m * mouth_m);
 }
+
+/// What a stop leaves unknown while it is not visited [m^2]: a door seen at a slant is a narrow mouth with a room behind it, so what it seems to reveal
+/// and all that is unknown behind it count alike (their geometric mean).
+[[nodiscard]] inline float leaves_m2(const Parameters& p, const Frontier& f) { return std::sqrt(reveals_m2(p, f) * behind_m2(p, f)); }
 
 /// What makes a good viewpoint, and which groups are looked for.
 struct ViewRule {

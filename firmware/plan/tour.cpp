@@ -16,6 +16,7 @@ constexpr std::size_t kLongestRun = 3;   ///< stops that Or-opt moves at once
 void Tour::begin(const std::size_t stops) {
     stops_ = std::min(stops, kMaxStops - 1U);
     gain_.fill(0.0F);
+    leaves_.fill(0.0F);
     aside_.fill(false);
     hurry_ = 0.0F;
     for (auto& row : distance_) { row.fill(0.0F); }
@@ -35,23 +36,23 @@ float Tour::length_m(const Order& order) const {
 
 void Tour::set_aside(Order& order, float m2, const std::uint8_t kept) {
     float all_m2 = 0.0F;
-    for (const std::uint8_t s : order) { all_m2 += gain_[s]; }
+    for (const std::uint8_t s : order) { all_m2 += leaves_[s]; }
     m2 = std::min(m2, kMostAside * all_m2);
     for (;;) {
         std::size_t worst = order.size();
         float worst_m_m2 = 0.0F;
         for (std::size_t k = 0; k < order.size(); ++k) {
             const std::uint8_t s = order[k];
-            if (s == kept || gain_[s] <= 0.0F || gain_[s] > m2) { continue; }
+            if (s == kept || leaves_[s] <= 0.0F || leaves_[s] > m2) { continue; }
             float saved_m = step(order, k);
             if (k + 1U < order.size()) { saved_m += step(order, k + 1U) - distance_[k == 0 ? 0 : order[k - 1U]][order[k + 1U]]; }
-            if (saved_m > worst_m_m2 * gain_[s]) {
-                worst_m_m2 = saved_m / gain_[s];
+            if (saved_m > worst_m_m2 * leaves_[s]) {
+                worst_m_m2 = saved_m / leaves_[s];
                 worst = k;
             }
         }
         if (worst == order.size()) { return; }
-        m2 -= gain_[order[worst]];
+        m2 -= leaves_[order[worst]];
         aside_[order[worst]] = true;
         std::rotate(order.begin() + worst, order.begin() + worst + 1U, order.end());
         order.keep_front(order.size() - 1U);

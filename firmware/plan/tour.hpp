@@ -22,9 +22,12 @@ public:
     /// Forgets the distances; stops are numbered 1 to `stops`, the start is 0. stops < kMaxStops.
     void begin(std::size_t stops);
     void set(const std::size_t a, const std::size_t b, const float metres) { distance_[a][b] = metres; }
-    /// What the stop will reveal [m^2].
-    void set_gain(const std::size_t stop, const float m2) { gain_[stop] = m2; }
-    /// Takes those stops out of the order whose detours cost most for what they reveal, as long as together they reveal no more than m2 and half
+    /// What the stop will reveal, and what it leaves unknown while it is set aside [m^2].
+    void set_gain(const std::size_t stop, const float m2, const float leaves_m2) {
+        gain_[stop] = m2;
+        leaves_[stop] = leaves_m2;
+    }
+    /// Takes those stops out of the order whose detours cost most for what they leave unknown, as long as together they leave no more than m2 and half
     /// of all; they are no longer part of the tour. Never the stop `kept`, nor one without gain.
     void set_aside(Order& order, float m2, std::uint8_t kept);
     [[nodiscard]] bool aside(const std::size_t stop) const { return aside_[stop]; }
@@ -48,6 +51,7 @@ private:
 
     std::array<std::array<float, kMaxStops>, kMaxStops> distance_{};
     std::array<float, kMaxStops> gain_{};
+    std::array<float, kMaxStops> leaves_{};
     std::array<bool, kMaxStops> aside_{};
     float hurry_ = 0.0F;
     std::size_t stops_ = 0;

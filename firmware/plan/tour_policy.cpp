@@ -227,7 +227,7 @@ void TourPolicy::decide(const MapView& map) {
             }
             tour_.set(a + 1U, b + 1U, way_m);
         }
-        tour_.set_gain(a + 1U, reveals_m2(p_, stops_[a]));
+        tour_.set_gain(a + 1U, reveals_m2(p_, stops_[a]), leaves_m2(p_, stops_[a]));
         if (answer_.valid && apart(stops_[a], goal_) < same_m) {
             same_m = apart(stops_[a], goal_);
             same = static_cast<std::uint8_t>(a + 1U);

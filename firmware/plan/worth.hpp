@@ -22,7 +22,7 @@ void keep_worthwhile(const Parameters& p, const float known_m2, Bounded<Frontier
     for (const Frontier& f : stops) { left_m2 += reveals_m2(p, f); }
     if (left_m2 > p.tour_tail_share * known_m2) { return; }
     const auto kept = std::remove_if(stops.begin(), stops.end(), [&p](const Frontier& f) {
-        return !f.sounding && !f.camera && p.grid_cell_m * p.grid_cell_m * static_cast<float>(f.behind) < p.tour_worth_m * CostField::metres(f.sight_cost, p.grid_cell_m);
+        return !f.sounding && !f.camera && behind_m2(p, f) < p.tour_worth_m * CostField::metres(f.sight_cost, p.grid_cell_m);
     });
     stops.keep_front(static_cast<std::size_t>(kept - stops.begin()));
 }

@@ -62,7 +62,7 @@ void a_tour_is_near_the_best_of_all_orders() {
     for (int k = 0; k < 40; ++k) {
         static_cast<void>(places(7, rng, *tour));
         if (k % 2 == 1) {   // ways weighed by what is still to be revealed
-            for (std::size_t stop = 1; stop <= 7; ++stop) { tour->set_gain(stop, static_cast<float>(1U + (stop * 5U + static_cast<std::size_t>(k)) % 7U)); }
+            for (std::size_t stop = 1; stop <= 7; ++stop) { tour->set_gain(stop, static_cast<float>(1U + (stop * 5U + static_cast<std::size_t>(k)) % 7U), 0.0F); }
             tour->weigh(1.5F);
         }
         Tour::Order order;
@@ -83,7 +83,7 @@ void a_tour_is_near_the_best_of_all_orders() {
 
 // On a line: pockets at -4 and 3, a hall at 5. By length the left pocket comes first; set aside it is no longer on the way, while the one that
 // lies on the way costs nothing and stays.
-void what_costs_a_detour_and_reveals_little_is_set_aside() {
+void what_costs_a_detour_and_leaves_little_is_set_aside() {
     const auto tour = std::make_unique<Tour>();
     constexpr float kAt[4] = {0.0F, -4.0F, 5.0F, 3.0F};
     const auto lay_out = [&](const float left_m2) {
@@ -91,9 +91,9 @@ void what_costs_a_detour_and_reveals_little_is_set_aside() {
         for (std::size_t a = 0; a < 4; ++a) {
             for (std::size_t b = 0; b < 4; ++b) { tour->set(a, b, std::fabs(kAt[a] - kAt[b])); }
         }
-        tour->set_gain(1, left_m2);
-        tour->set_gain(2, 20.0F);
-        tour->set_gain(3, 0.3F);
+        tour->set_gain(1, 9.0F, left_m2);
+        tour->set_gain(2, 1.0F, 20.0F);
+        tour->set_gain(3, 9.0F, 0.3F);
     };
     const auto set_aside = [&](const float m2, const std::uint8_t kept) {
         Tour::Order order;
@@ -110,13 +110,13 @@ void what_costs_a_detour_and_reveals_little_is_set_aside() {
     TEST_ASSERT_EQUAL(2, less[1]);
     TEST_ASSERT_TRUE(tour->aside(1) && !tour->aside(2) && !tour->aside(3));
     lay_out(0.3F);
-    TEST_ASSERT_EQUAL(3, set_aside(0.2F, Tour::kAny).size());   // it may reveal more than that
+    TEST_ASSERT_EQUAL(3, set_aside(0.2F, Tour::kAny).size());   // it may leave more than that
     lay_out(0.3F);
     TEST_ASSERT_EQUAL(3, set_aside(0.5F, 1).size());            // the vehicle is on its way there
     lay_out(0.0F);
     TEST_ASSERT_EQUAL(3, set_aside(0.5F, Tour::kAny).size());   // to be passed, not to reveal something
     lay_out(0.3F);
-    tour->set_gain(2, 0.1F);
+    tour->set_gain(2, 1.0F, 0.1F);
     TEST_ASSERT_EQUAL(2, set_aside(9.0F, Tour::kAny).size());   // of 0.7 m2 left no more than half
 }
 
@@ -229,7 +229,7 @@ void every_policy_flies_behind_the_one_interface() {
 int main() {
     UNITY_BEGIN();
     RUN_TEST(a_tour_is_near_the_best_of_all_orders);
-    RUN_TEST(what_costs_a_detour_and_reveals_little_is_set_aside);
+    RUN_TEST(what_costs_a_detour_and_leaves_little_is_set_aside);
     RUN_TEST(a_large_tour_has_no_crossing_left_and_a_warm_start_keeps_it);
     RUN_TEST(distances_between_roots_are_those_of_one_field_each);
     RUN_TEST(every_policy_flies_behind_the_one_interface);

@@ -1,4 +1,5 @@
 // What is left when hardly anything is: pockets must be worth their way; a change of mind is not undone for nothing.
+#include <cmath>
 #include <initializer_list>
 
 #include "plan/worth.hpp"
@@ -32,6 +33,13 @@ void a_pocket_reveals_what_is_behind_it_but_not_much_more_than_its_mouth_is_wide
     const Parameters p;
     TEST_ASSERT_FLOAT_WITHIN(1e-4F, 0.30F, reveals_m2(p, pocket(10, 30, 1.0F)));   // 30 cells
     TEST_ASSERT_FLOAT_WITHIN(1e-4F, 0.32F, reveals_m2(p, pocket(4, 500, 1.0F)));   // a slit of 0.4 m before 5 m2: 2 x 0.16
+}
+
+void what_is_set_aside_may_leave_more_than_its_mouth_shows() {
+    const Parameters p;
+    TEST_ASSERT_FLOAT_WITHIN(1e-4F, 0.30F, leaves_m2(p, pocket(10, 30, 1.0F)));                        // a closed pocket: what it reveals
+    TEST_ASSERT_FLOAT_WITHIN(1e-3F, std::sqrt(0.32F * 5.0F), leaves_m2(p, pocket(4, 500, 1.0F)));      // a slit that may show a room
+    TEST_ASSERT_FLOAT_WITHIN(1e-6F, 0.0F, leaves_m2(p, pocket(0, 0, 1.0F)));                           // a patch of floor: never set aside
 }
 
 void the_last_pockets_must_be_worth_their_way() {
@@ -84,6 +92,7 @@ void what_was_left_is_not_taken_again_before_something_is_learned() {
 int main() {
     UNITY_BEGIN();
     RUN_TEST(a_pocket_reveals_what_is_behind_it_but_not_much_more_than_its_mouth_is_wide);
+    RUN_TEST(what_is_set_aside_may_leave_more_than_its_mouth_shows);
     RUN_TEST(the_last_pockets_must_be_worth_their_way);
     RUN_TEST(while_more_is_left_all_stay);
     RUN_TEST(patches_for_the_camera_and_places_to_pass_stay);
