@@ -10,6 +10,7 @@
 #include <cstddef>
 #include <limits>
 
+#include "core/length.hpp"
 #include "params.gen.hpp"
 
 namespace noctule {
@@ -35,7 +36,7 @@ struct Fence {
 
     /// How far inside a point is [m], negative outside: the distance to the nearest side, corners of the box counted as its sides.
     [[nodiscard]] float depth_m(const float x_m, const float y_m) const {
-        float depth = radius_m - std::hypot(x_m, y_m);
+        float depth = radius_m - length_of(x_m, y_m);
         depth = std::min({depth, box_m[0] - x_m, box_m[1] + x_m, box_m[2] - y_m, box_m[3] + y_m});
         return corners < 3U ? depth : std::min(depth, polygon_depth_m(x_m, y_m));
     }

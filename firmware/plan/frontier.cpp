@@ -44,10 +44,12 @@ private:
 /// True: a place of the edge that is entered from a passable cell, not over a chain of its like.
 bool beside_passable(const OccupancyGrid& grid, const Traversability& where, const CostField& from, const CellId id) {
     const Cell c = grid.cell(id);
+    const std::uint32_t cost = from.cost(id);
+    Reader reader{grid};
     for (std::int32_t dy = -2; dy <= 2; ++dy) {
         for (std::int32_t dx = -2; dx <= 2; ++dx) {
-            const CellId n = grid.find(Cell{c.ix + dx, c.iy + dy});
-            if (where.passable(n) && from.cost(n) < from.cost(id)) { return true; }
+            const CellId n = reader.find(Cell{c.ix + dx, c.iy + dy});
+            if (where.passable(n) && from.cost(n) < cost) { return true; }
         }
     }
     return false;
@@ -242,10 +244,10 @@ bool FrontierSearch::view(const OccupancyGrid& grid, const Traversability& where
             if (!where.passable(id) && (round != Round::edge || !where.at_edge(id))) { continue; }
             const std::uint32_t cost = from.cost(id);
             if (cost == CostField::kFar) { continue; }
-            if (round == Round::edge && !where.passable(id) && !beside_passable(grid, where, from, id)) { continue; }
             const float score = score_of(id, cost, r);
             const bool sights = r <= rule.sight_m && cost < best.sight_cost;
             if (score >= best_score && !sights) { continue; }
+            if (round == Round::edge && !where.passable(id) && !beside_passable(grid, where, from, id)) { continue; }
             const Cell v = grid.cell(id);
             if (std::hypot(g.centre_x_m(v) - x_m, g.centre_y_m(v) - y_m) > reach_m) { continue; }
             if (std::hypot(g.centre_x_m(v) - home_x_m, g.centre_y_m(v) - home_y_m) > p_.fence_radius_m - 0.5F) { continue; }
