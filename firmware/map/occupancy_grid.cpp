@@ -5,6 +5,7 @@
 #include <limits>
 
 #include "core/length.hpp"
+#include "sense/mean_range.hpp"
 
 namespace noctule {
 
@@ -26,6 +27,9 @@ constexpr std::int64_t kRepublishUs = 2000000; ///< scans between publications o
 constexpr std::int8_t kNeverHit = -128;        ///< in hit_x: no beam ended in the cell since it was last sure to be free
 constexpr std::uint32_t kCameraEvery = 4;      ///< a power of two: 20 sweeps and 5 images a second
 constexpr std::uint32_t kRefreshScans = 128;   ///< a power of two
+constexpr float kGain = 0.25F;
+constexpr std::size_t kDenseSide = 2;          ///< beams over which the ends are averaged to either side, from where what protrudes stands out of the noise
+constexpr float kProtrudesM = 0.008F;          ///< more than averaged noise
 constexpr std::int32_t kGeometryStep = 10;     ///< move of a mean hit (1/256 cell) that makes clearances stale
 
 std::size_t hash_of(const std::int32_t tile_x, const std::int32_t tile_y, const std::int32_t floor) {
@@ -165,16 +169,50 @@ void OccupancyGrid::touch(const CellId id, const CellClass before) {
     if (after == CellClass::unknown) { --known; }
 }
 
-// Section G, "occupied": the cell in which the beam ends. The mean hit follows the hits with a gain that falls as the cell
+// The point that a facet shows: the mean of its ends, but where the surface protrudes towards the vehicle (a corner, the end of a wall, a thin leg)
+// its foremost point; averaged back it would seem up to 3 cm farther than it is. docs/maths/grid.md, "hits finer than cells".
+Point2<Map> OccupancyGrid::Facet::point(const float protrudes_cells) const {
+    Point2<Map> mean{};
+    for (const Point2<Map>& e : ends) {
+        mean.x_m += e.x_m;
+        mean.y_m += e.y_m;
+    }
+    const auto n = static_cast<float>(ends.size());
+    mean = {mean.x_m / n, mean.y_m / n};
+    if (!dense) { return mean; }
+    // Of the chord between both ends: how far towards the vehicle.
+    const Point2<Map>& first = ends[0];
+    const float dx = ends.back().x_m - first.x_m;
+    const float dy = ends.back().y_m - first.y_m;
+    const auto across = [&](const Point2<Map>& p) { return dx * (p.y_m - first.y_m) - dy * (p.x_m - first.x_m); };
+    const float toward = across(origin) < 0.0F ? -1.0F : 1.0F;
+    float most = protrudes_cells * std::hypot(dx, dy);
+    Point2<Map> shown = mean;
+    for (const Point2<Map>& e : ends) {
+        const float out = toward * across(e);
+        if (out <= most) { continue; }
+        most = out;
+        shown = e;
+    }
+    return shown;
+}
+
+void OccupancyGrid::enter(const Facet& facet) {
+    if (facet.id == kNoCell || facet.ends.empty()) { return; }
+    const Point2<Map> p = facet.point(geometry_.to_cells(kProtrudesM));
+    hit(facet.id, p.x_m, p.y_m, facet.dense);
+}
+
+// Section G, "occupied": the cell in which the beams of a facet end. The mean hit follows the facets, with a gain that falls as the cell
 // becomes sure, so that clearances come from measured points and not from the square of the cell.
-void OccupancyGrid::hit(const CellId id, const float x_cells, const float y_cells) {
+void OccupancyGrid::hit(const CellId id, const float x_cells, const float y_cells, const bool dense) {
     GridTile& t = tiles_[static_cast<std::size_t>(id >> 12)];
     const auto k = static_cast<std::size_t>(id & 4095);
     const Cell c = cell(id);
     const float dx = (x_cells - static_cast<float>(c.ix) - 0.5F) * kOffsetUnits;
     const float dy = (y_cells - static_cast<float>(c.iy) - 0.5F) * kOffsetUnits;
     const bool fresh = t.log_odds[k] <= 0 || t.hit_x[k] == kNeverHit;
-    const float gain = fresh ? 1.0F : (t.log_odds[k] >= log_max_ ? 0.06F : 0.25F);
+    const float gain = fresh ? 1.0F : (t.log_odds[k] < log_max_ || dense ? kGain : 0.0F);
     const float old_x = static_cast<float>(t.hit_x[k]);
     const float old_y = static_cast<float>(t.hit_y[k]);
     const std::int32_t new_x = round_int(fresh ? dx : old_x + gain * (dx - old_x));
@@ -190,7 +228,7 @@ void OccupancyGrid::hit(const CellId id, const float x_cells, const float y_cell
     if (is_touched(rows, id)) { return; }  // the evidence of a sweep counts once; its points all count for the mean
     mark_touched(rows, id);
     const CellClass before = class_of(t.log_odds[k]);
-    t.log_odds[k] = static_cast<std::int8_t>(std::min(t.log_odds[k] + add_hit_, log_max_));
+    t.log_odds[k] = static_cast<std::int8_t>(std::max<std::int32_t>(t.log_odds[k], std::min(t.log_odds[k] + add_hit_, dense ? log_max_ : log_max_ - 1)));
     touch(id, before);
 }
 
@@ -297,7 +335,7 @@ void OccupancyGrid::mark_along(const Beam& beam, const float mark_from, const fl
         const float along = at.centre_along(beam);
         if (along < mark_from || along > mark_to) { continue; }
         const CellId id = find_or_lay({at.ix, at.iy});
-        if (id != kNoCell) { hit(id, static_cast<float>(at.ix) + 0.5F, static_cast<float>(at.iy) + 0.5F); }
+        if (id != kNoCell) { hit(id, static_cast<float>(at.ix) + 0.5F, static_cast<float>(at.iy) + 0.5F, true); }
     }
 }
 
@@ -330,10 +368,15 @@ void OccupancyGrid::integrate(const Estimate& estimate, const LevelScan& scan) {
         return Point2<Map>{geometry_.to_cells(pose.x_m + c * p.x_m - s * p.y_m), geometry_.to_cells(pose.y_m + s * p.x_m + c * p.y_m)};
     };
     // Hits first: a cell in which any beam of the sweep ended is not cleared by its neighbours in the same sweep.
-    for (const ScanPoint& p : scan.points) {
+    Facet facet;
+    for (std::size_t k = 0; k < scan.points.size(); ++k) {
+        const ScanPoint& p = scan.points[k];
         if (!p.hit) { continue; }
         const Point2<Map> o = origin(p);
-        const Point2<Map> e = end(p);
+        const MeanRange mean = mean_range(scan, k);
+        const float share = mean.range_m / std::max(p.range_m, 1e-3F);
+        const Point2<Map> raw = end(p);
+        const Point2<Map> e{o.x_m + share * (raw.x_m - o.x_m), o.y_m + share * (raw.y_m - o.y_m)};
         const float length = length_of(e.x_m - o.x_m, e.y_m - o.y_m);
         if (!(length <= range_max)) { continue; }  // too far, or not a number
         ++counters_.beams_used;
@@ -344,9 +387,18 @@ void OccupancyGrid::integrate(const Estimate& estimate, const LevelScan& scan) {
             const CellId id = find_or_lay({floor_int(e.x_m), floor_int(e.y_m)});
             // A door's lintel, met by a tilted beam, does not close the door that level beams went through.
             const bool other_height = p.z_m > kHitBandM && cell_class(id) == CellClass::free;
-            if (id != kNoCell && !other_height) { hit(id, e.x_m, e.y_m); }
+            if (id == kNoCell || other_height) { continue; }
+            if (id != facet.id || facet.ends.full()) {
+                enter(facet);
+                facet.id = id;
+                facet.origin = o;
+                facet.dense = mean.side >= kDenseSide;
+                facet.ends.clear();
+            }
+            static_cast<void>(facet.ends.push(e));
         }
     }
+    enter(facet);
     for (std::size_t k = 0; k < scan.points.size(); ++k) {
         const ScanPoint& p = scan.points[k];
         const Point2<Map> o = origin(p);

@@ -182,7 +182,17 @@ private:
     /// Rows of a tile with a bit for each cell touched by the sweep being entered; nullptr: there was no page left.
     [[nodiscard]] std::uint64_t* touched_rows(std::int32_t slot);
     void load_parameters();
-    void hit(CellId id, float x_cells, float y_cells);
+    static constexpr std::size_t kMaxFacet = 64;
+    /// The beams of a sweep that end in one cell side by side. In cells.
+    struct Facet {
+        CellId id = kNoCell;
+        Point2<Map> origin;
+        Bounded<Point2<Map>, kMaxFacet> ends;
+        bool dense = false;   ///< beams so close that noise is averaged out
+        [[nodiscard]] Point2<Map> point(float protrudes_cells) const;
+    };
+    void enter(const Facet& facet);
+    void hit(CellId id, float x_cells, float y_cells, bool dense);
     struct Beam { float origin_x; float origin_y; float dir_x; float dir_y; float length; };   ///< in cells, direction of unit length
     struct Walk;
     [[nodiscard]] bool comes_before(CellId a, CellId b) const;

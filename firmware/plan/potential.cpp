@@ -19,7 +19,7 @@ constexpr std::int32_t kSmoothRounds = 12;
 constexpr float kSoftPush = 0.2F;      ///< share of what is lacking to the clearance wanted that a round pushes a point away
 constexpr float kHardPush = 0.5F;      ///< and of what is lacking to hull and kRoomM: more than the band pulls back round a corner
 constexpr float kRoomM = 0.18F;
-constexpr float kCutM = 0.025F;        ///< clearance lacking to hull and margin from which the line is cut off: more than the noise of hit points
+constexpr float kCutM = 0.007F;        ///< clearance lacking to hull and margin from which the line is cut off: more than the noise of hit points
 constexpr float kCentreM = 0.14F;      ///< hull and less than this: the line is centred exactly
 constexpr float kCentreSteps[] = {0.02F, 0.01F, 0.005F, 0.0025F};
 constexpr float kCapM = 0.01F * static_cast<float>(Traversability::kCapCm);
@@ -183,12 +183,20 @@ bool Potential::trace(const OccupancyGrid& grid, const Traversability& where, co
             static_cast<void>(path.push({goal_x_m, goal_y_m, 0.0F}));
         }
     }
-    smooth(grid, path);
+    smooth(grid, where, path);
     return true;
 }
 
+// No point of the line leaves a cell for one where something unknown lies under the hull: what the hits leave free there nobody has seen.
+bool Potential::may_move(const OccupancyGrid& grid, const Traversability& where, const PathPoint& from, const float x_m, const float y_m) {
+    const Cell to = grid.geometry().cell(x_m, y_m);
+    const Cell at = grid.geometry().cell(from.x_m, from.y_m);
+    return to == at || !where.over_unknown(grid.find(to)) || where.over_unknown(grid.find(at));
+}
+
 // Where it is narrow each point goes across the line to where there is most room: in a gap, to its middle.
-void Potential::centre(const OccupancyGrid& grid, const std::array<float, kMaxPathPoints>& room_least_m, Bounded<PathPoint, kMaxPathPoints>& path) const {
+void Potential::centre(const OccupancyGrid& grid, const Traversability& where, const std::array<float, kMaxPathPoints>& room_least_m,
+                       Bounded<PathPoint, kMaxPathPoints>& path) const {
     const float narrow_m = p_.hull_radius_m + kCentreM;
     for (std::size_t k = 1; k + 1U < path.size(); ++k) {
         if (room_least_m[k] > narrow_m + kRoundingM) { continue; }
@@ -205,7 +213,7 @@ void Potential::centre(const OccupancyGrid& grid, const std::array<float, kMaxPa
                     const float to_x_m = p.x_m - side * dy / length;
                     const float to_y_m = p.y_m + side * dx / length;
                     const float there_m = grid.clearance_m(to_x_m, to_y_m, narrow_m);
-                    if (!(there_m > room_m)) { break; }
+                    if (!(there_m > room_m) || !may_move(grid, where, p, to_x_m, to_y_m)) { break; }
                     room_m = there_m;
                     p.x_m = to_x_m;
                     p.y_m = to_y_m;
@@ -232,7 +240,7 @@ float Potential::way_m(const OccupancyGrid& grid, const PathPoint& from, const f
 }
 
 // An elastic band: each inner point is drawn to the middle of its neighbours and pushed away from the nearest hit point.
-void Potential::smooth(const OccupancyGrid& grid, Bounded<PathPoint, kMaxPathPoints>& path) const {
+void Potential::smooth(const OccupancyGrid& grid, const Traversability& where, Bounded<PathPoint, kMaxPathPoints>& path) const {
     const float wanted_m = std::min(p_.comfort_clearance_m, p_.hull_radius_m + 0.25F);
     std::array<float, kMaxPathPoints> room_m{};   // what each point has at least: the last clearance looked up, less what it moved since
     const auto moved_m = [](const float dx, const float dy) { return std::fabs(dx) + std::fabs(dy); };
@@ -252,18 +260,22 @@ void Potential::smooth(const OccupancyGrid& grid, Bounded<PathPoint, kMaxPathPoi
                 for (const float share : {1.0F, 0.4F, 0.15F}) {
                     const float to_x_m = x_m + share * push * (x_m - hit_x);
                     const float to_y_m = y_m + share * push * (y_m - hit_y);
-                    if (!(grid.clearance_m(to_x_m, to_y_m, wanted_m) > clear_m)) { continue; }
+                    if (!may_move(grid, where, p, to_x_m, to_y_m) || !(grid.clearance_m(to_x_m, to_y_m, wanted_m) > clear_m)) { continue; }
                     room_m[k] = clear_m - moved_m(to_x_m - x_m, to_y_m - y_m);
                     x_m = to_x_m;
                     y_m = to_y_m;
                     break;
                 }
             }
+            if (!may_move(grid, where, p, x_m, y_m)) {
+                room_m[k] -= moved_m(x_m - p.x_m, y_m - p.y_m);
+                continue;
+            }
             p.x_m = x_m;
             p.y_m = y_m;
         }
     }
-    centre(grid, room_m, path);
+    centre(grid, where, room_m, path);
     for (PathPoint& p : path) { p.clearance_m = grid.clearance_m(p.x_m, p.y_m, kCapM); }
     float gone_m = 0.0F;
     float felt_m = kLongestM;   // what is farther ahead than this is not felt: from there the speed allowed before it can still be braked

@@ -15,14 +15,38 @@ constexpr std::int32_t kNearTiles = 1;        ///< tiles round the vehicle looke
 constexpr std::int32_t kFarTilesPerStep = 8;  ///< others, in turn
 constexpr std::int32_t kSide = 3 * kBlockCells;
 constexpr float kClosedM = 0.2F;              ///< radius of a closed place
+constexpr float kClosesM = 0.005F;             ///< lacking to hull and margin: a place that was open closes
+constexpr float kReopensM = 0.015F;            ///< and opens again with this much over them
+constexpr std::int64_t kLenientEveryUs = 60000000;   ///< but now and then one look is enough: what was measured too narrow is not lost
+constexpr std::int64_t kLenientUs = 4000000;
 constexpr float kStepsCells[] = {0.4F, 0.2F, 0.1F};   ///< in which the roomiest point of a cell is looked for
 constexpr float kStairsApartM = 0.2F;
 constexpr float kBlockM = 1.2F;                ///< across a block, and more
-constexpr float kUnknownCells = 2.5F;         ///< an unknown cell whose centre is nearer than this is under the hull (0.25 m at 0.10 m)
+// An unknown cell is under the hull within 2.5 cells (0.25 m at 0.10 m) of it: half the cells of a row that this circle covers, by rows from its middle.
+constexpr std::size_t kUnderHull[] = {2, 2, 1};
+// One without a hit in the eight cells round it may hide a wall anywhere: 4 cells, so that 5 cm are left beside the hull wherever in the cell the wall stands.
+constexpr std::size_t kUnderHullUnseen[] = {4, 3, 3, 2, 0};
 
 constexpr float kCapM = 0.01F * static_cast<float>(Traversability::kCapCm);
 
 using Row = std::array<float, kBlockCells>;
+using Rows = std::array<std::uint32_t, kSide>;   ///< a bit a cell
+
+std::uint32_t with_sides(const std::uint32_t row) { return row | row << 1U | row >> 1U; }
+
+// Bit kBlockCells + i of row j: something set lies within the circle round that cell. Only for the middle block.
+template <std::size_t N>
+void spread(const Rows& cells, const std::size_t (&half_widths)[N], Rows& out) {
+    for (std::size_t from = 0; from < kSide; ++from) {
+        if (cells[from] == 0U) { continue; }
+        std::array<std::uint32_t, 5> wide{cells[from]};
+        for (std::size_t k = 1; k < wide.size(); ++k) { wide[k] = with_sides(wide[k - 1U]); }
+        for (std::size_t dy = 0; dy < N; ++dy) {
+            if (from >= dy) { out[from - dy] |= wide[half_widths[dy]]; }
+            if (from + dy < kSide) { out[from + dy] |= wide[half_widths[dy]]; }
+        }
+    }
+}
 
 // Squared distance of a hit from the rectangle that the middles of a block's cells span.
 float away_m2(const float x_m, const float y_m, const Row& middle_x_m, const Row& middle_y_m) {
@@ -89,12 +113,18 @@ void Traversability::reopen_last() {
 }
 
 void Traversability::reopen_all() {
-    if (closed_.empty()) { return; }
+    lenient_until_us_ = now_us_ + kLenientUs;
     closed_.clear();
     mark_all_stale();
 }
 
 void Traversability::reopen(const std::int64_t t_us) {
+    if (t_us / kLenientEveryUs != now_us_ / kLenientEveryUs) {
+        lenient_until_us_ = t_us + kLenientUs;
+        mark_all_stale();
+    }
+    now_us_ = t_us;
+    lenient_ = t_us < lenient_until_us_;
     for (std::size_t k = closed_.size(); k-- > 0;) {
         if (closed_[k].until_us >= t_us) { continue; }
         closed_.remove_unordered(k);
@@ -262,7 +292,8 @@ void Traversability::compute(const OccupancyGrid& grid, const std::int32_t block
     // Squared distance to the nearest hit, up to the cap, of the cells of the block; unknown cells of the 24 x 24 round it, a bit each.
     std::array<Row, kBlockCells> nearest_m2{};
     for (Row& row : nearest_m2) { row.fill(kCapM * kCapM); }
-    std::array<std::uint32_t, kSide> unknown{};
+    Rows unknown{};
+    Rows occupied{};
     std::array<std::uint32_t, kBlockCells> free_cells{};
     const bool stairs = stairs_near(stairs_, tile.floor, middle_x_m[kBlockCells / 2], middle_y_m[kBlockCells / 2], kStairsReachM + kCapM + kTreadM + kBlockM) != nullptr;
     const float roomiest_reach_m = 0.01F * static_cast<float>(need_cm_) + 2.0F * grid.geometry().cell_m();   // from the cells' middles
@@ -279,6 +310,7 @@ void Traversability::compute(const OccupancyGrid& grid, const std::int32_t block
                 const CellId id = s < 0 ? kNoCell : OccupancyGrid::id_in(s, {x0 + bx * kBlockCells, y0 + by * kBlockCells + j});
                 const ClassBits bits = s < 0 ? ClassBits{} : grid.classes_of_eight(id);
                 unknown[static_cast<std::size_t>((by + 1) * kBlockCells + j)] |= bits.unknown() << static_cast<unsigned>((bx + 1) * kBlockCells);
+                occupied[static_cast<std::size_t>((by + 1) * kBlockCells + j)] |= bits.occupied << static_cast<unsigned>((bx + 1) * kBlockCells);
                 any_unknown = any_unknown || bits.unknown() != 0U;
                 if (bx == 0 && by == 0) { free_cells[static_cast<std::size_t>(j)] = bits.free; }
                 for (std::uint32_t left = bits.occupied; left != 0U; left &= left - 1U) {
@@ -294,16 +326,16 @@ void Traversability::compute(const OccupancyGrid& grid, const std::int32_t block
             }
         }
     }
-    constexpr auto kReach = static_cast<std::int32_t>(kUnknownCells);
+    Rows under{};   // something unknown lies under the hull there
+    if (any_unknown) {
+        Rows unseen{};   // unknown, and no hit beside it tells where the wall is
+        for (std::size_t j = 1; j + 1U < kSide; ++j) { unseen[j] = unknown[j] & ~with_sides(occupied[j - 1U] | occupied[j] | occupied[j + 1U]); }
+        spread(unknown, kUnderHull, under);
+        spread(unseen, kUnderHullUnseen, under);
+    }
     auto& values = value_[static_cast<std::size_t>(slot)];
+    const float need_m = 0.01F * static_cast<float>(need_cm_);
     for (std::int32_t j = 0; j < kBlockCells; ++j) {
-        std::uint32_t under = 0;   // bit i: something unknown lies under the hull in cell i of the row
-        for (std::int32_t dy = -kReach; any_unknown && dy <= kReach; ++dy) {
-            const std::uint32_t row = unknown[static_cast<std::size_t>(j + kBlockCells + dy)] >> static_cast<unsigned>(kBlockCells - kReach);
-            for (std::int32_t dx = -kReach; dx <= kReach; ++dx) {
-                if (static_cast<float>(dx * dx + dy * dy) <= kUnknownCells * kUnknownCells) { under |= row >> static_cast<unsigned>(dx + kReach); }
-            }
-        }
         for (std::int32_t i = 0; i < kBlockCells; ++i) {
             const auto ki = static_cast<std::size_t>(i);
             const auto kj = static_cast<std::size_t>(j);
@@ -312,10 +344,18 @@ void Traversability::compute(const OccupancyGrid& grid, const std::int32_t block
                 const float centre_m = std::sqrt(nearest_m2[kj][ki]);
                 const float room_m = stairs ? centre_m : roomiest_m(grid, hits, middle_x_m[ki], middle_y_m[kj], centre_m);
                 result = static_cast<std::uint8_t>(std::clamp<std::int32_t>(static_cast<std::int32_t>(std::lround(100.0F * room_m)), 1, kCapCm));
+                // A gap that opens and closes with the noise of hits draws the vehicle to and fro: what was found closed opens with more room only.
+                const std::int32_t before_cm = values[static_cast<std::size_t>(((y0 + j) & 63) * kTileCells + ((x0 + i) & 63))] & 0x7F;
+                const float more_m = before_cm == 0 ? 0.0F : before_cm >= need_cm_ ? -kClosesM : lenient_ ? kClosesM : kReopensM;
+                if (room_m >= need_m + more_m) {
+                    result = std::max(result, static_cast<std::uint8_t>(need_cm_));
+                } else {
+                    result = std::min(result, static_cast<std::uint8_t>(need_cm_ - 1));
+                }
                 for (const Closed& c : closed_) {
                     if (std::hypot(c.x_m - middle_x_m[ki], c.y_m - middle_y_m[kj]) < kClosedM) { result = std::min(result, std::uint8_t{1}); }
                 }
-                if ((under >> ki & 1U) != 0U) { result |= 0x80U; }
+                if ((under[kBlockCells + kj] >> (kBlockCells + ki) & 1U) != 0U) { result |= 0x80U; }
             }
             values[static_cast<std::size_t>(((y0 + j) & 63) * kTileCells + ((x0 + i) & 63))] = result;
         }

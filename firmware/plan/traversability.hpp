@@ -56,6 +56,8 @@ public:
     [[nodiscard]] bool passable(const CellId id) const { return id != kNoCell && passable_byte(byte(id)); }
     /// True: free, and the vehicle may stand there if it came there, but no path leads through.
     [[nodiscard]] bool tight(const CellId id) const { return id != kNoCell && tight_byte(byte(id)); }
+    /// True: something unknown is under the hull.
+    [[nodiscard]] bool over_unknown(const CellId id) const { return id != kNoCell && byte(id) >= 0x80; }
     /// True: hull and margin fit, but something unknown is under the hull.
     [[nodiscard]] bool at_edge(const CellId id) const { return id != kNoCell && byte(id) >= 0x80 && (byte(id) & 0x7F) >= need_cm_; }
     /// Time to cross a unit of length there, against crossing it at full speed; at least 1. docs/maths/potential.md, equation (5).
@@ -98,6 +100,9 @@ private:
     std::size_t queue_size_ = 0;
     std::array<float, kCapCm + 1> slowness_{};
     bool keeps_off_ = false;
+    bool lenient_ = false;
+    std::int64_t now_us_ = 0;
+    std::int64_t lenient_until_us_ = 0;
     std::int32_t need_cm_ = 33;
     std::uint32_t meaning_ = 0;
     Fence fence_;

@@ -97,6 +97,82 @@ void clearances_updated_block_by_block_equal_brute_force() {
     TEST_ASSERT_TRUE(hardly > 3);
 }
 
+void what_is_unknown_under_the_hull_equals_brute_force() {
+    const auto s = std::make_unique<Scene>();
+    int over = 0;
+    int only_unseen = 0;
+    for (std::int32_t id = 0; id < s->grid.tile_count() * kTileArea; ++id) {
+        if (s->where.clearance_cm(id) == 0) { continue; }   // not free
+        const Cell c = s->grid.cell(id);
+        const auto kind = [&](const std::int32_t x, const std::int32_t y) { return s->grid.cell_class(Cell{c.ix + x, c.iy + y}); };
+        bool near_unknown = false;
+        bool near_unseen = false;
+        for (std::int32_t y = -4; y <= 4; ++y) {
+            for (std::int32_t x = -4; x <= 4; ++x) {
+                if (kind(x, y) != CellClass::unknown || x * x + y * y > 16) { continue; }
+                near_unknown = near_unknown || x * x + y * y <= 6;   // 2.5 cells
+                bool hit_beside = false;
+                for (std::int32_t d = 0; d < 8; ++d) { hit_beside = hit_beside || kind(x + kNeighbourX[d], y + kNeighbourY[d]) == CellClass::occupied; }
+                near_unseen = near_unseen || !hit_beside;
+            }
+        }
+        TEST_ASSERT_EQUAL_INT(static_cast<int>(near_unknown || near_unseen), static_cast<int>(s->where.over_unknown(id)));
+        over += near_unknown ? 1 : 0;
+        only_unseen += near_unseen && !near_unknown ? 1 : 0;
+    }
+    TEST_ASSERT_TRUE(over > 100);
+    TEST_ASSERT_TRUE(only_unseen > 20);
+}
+
+// A corridor of 0.90 m, 1.2 m of whose one wall give no return.
+void the_line_keeps_off_a_wall_that_nobody_has_seen() {
+    const Parameters p;
+    test::FlatWorld world;
+    world.add_wall(-4.0, -0.45, 4.0, -0.45);
+    world.add_wall(-4.0, 0.45, 4.0, 0.45);
+    world.add_wall(-4.0, -0.45, -4.0, 0.45);
+    world.add_wall(4.0, -0.45, 4.0, 0.45);
+    const auto grid = std::make_unique<OccupancyGrid>(p);
+    const auto where = std::make_unique<Traversability>(p);
+    const auto open = std::make_unique<OpenCells>();
+    const auto field = std::make_unique<CostField>();
+    const auto potential = std::make_unique<Potential>(p);
+    std::mt19937 rng(5);
+    LevelScan scan;
+    Estimate e;
+    e.planar.quality = 100;
+    e.altitude.valid = true;
+    e.altitude.z_m = 1.0F;
+    for (int k = 0; k < 16; ++k) {
+        const bool back = (k & 1) != 0;
+        const double x_m = back ? 1.5 : -1.5;
+        const double yaw_rad = back ? 3.1415926 : 0.0;
+        test::sweep(world, x_m, 0.0, yaw_rad, 10.0, 0.01, rng, scan);
+        e.planar.pose_map_body = {static_cast<float>(x_m), 0.0F, static_cast<float>(yaw_rad)};
+        for (ScanPoint& q : scan.points) {
+            const Point2<Map> at = e.planar.pose_map_body * Point2<Body>{q.x_m, q.y_m};
+            if (std::fabs(at.x_m) > 0.6F || at.y_m < 0.38F) { continue; }
+            q.hit = false;
+            q.x_m *= scan.range_max_m / q.range_m;
+            q.y_m *= scan.range_max_m / q.range_m;
+            q.range_m = scan.range_max_m;
+        }
+        grid->integrate(e, scan);
+    }
+    for (int k = 0; k < 200; ++k) { where->update(*grid, 0.0F, 0.0F); }
+    TEST_ASSERT_TRUE_MESSAGE(grid->cell_class(grid->find(0.05F, 0.45F)) == CellClass::unknown, "nothing told of it");
+    field->start(*grid, grid->find(2.05F, -0.05F), 5, *open);
+    while (!field->run(*grid, *where, *open, 1000, kNoCell, 0)) {}
+    Bounded<PathPoint, kMaxPathPoints> path;
+    for (float x_m = -1.05F; x_m < 0.0F; x_m += 0.1F) {
+        potential->restart();
+        potential->relax(*grid, *where, *field, x_m, -0.05F, 2);
+        TEST_ASSERT_TRUE(potential->trace(*grid, *where, *field, x_m, -0.05F, 2.05F, -0.05F, path));
+        TEST_ASSERT_TRUE(path.back().x_m > 0.5F);
+        for (const PathPoint& q : path) { TEST_ASSERT_FALSE(where->over_unknown(grid->find(q.x_m, q.y_m))); }
+    }
+}
+
 void costs_equal_those_of_relaxation_to_a_fixed_point() {
     const auto s = std::make_unique<Scene>();
     s->solve(0.0F, 0.0F);
@@ -332,6 +408,8 @@ void a_gap_is_entered_by_its_width_wherever_its_middle_lies() {
 int main() {
     UNITY_BEGIN();
     RUN_TEST(clearances_updated_block_by_block_equal_brute_force);
+    RUN_TEST(what_is_unknown_under_the_hull_equals_brute_force);
+    RUN_TEST(the_line_keeps_off_a_wall_that_nobody_has_seen);
     RUN_TEST(costs_equal_those_of_relaxation_to_a_fixed_point);
     RUN_TEST(a_packed_cost_is_never_less_and_keeps_its_order);
     RUN_TEST(a_sum_is_packed_as_if_by_itself);
