@@ -45,10 +45,10 @@ private:
 bool beside_passable(const OccupancyGrid& grid, const Traversability& where, const CostField& from, const CellId id) {
     const Cell c = grid.cell(id);
     const std::uint32_t cost = from.cost(id);
-    Reader reader{grid};
+    const bool inside = (c.ix & 63) - 2 >= 0 && (c.ix & 63) + 2 < kTileCells && (c.iy & 63) - 2 >= 0 && (c.iy & 63) + 2 < kTileCells;   // of one tile
     for (std::int32_t dy = -2; dy <= 2; ++dy) {
         for (std::int32_t dx = -2; dx <= 2; ++dx) {
-            const CellId n = reader.find(Cell{c.ix + dx, c.iy + dy});
+            const CellId n = inside ? id + dy * kTileCells + dx : grid.find(Cell{c.ix + dx, c.iy + dy});
             if (where.passable(n) && from.cost(n) < cost) { return true; }
         }
     }
