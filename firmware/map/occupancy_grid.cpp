@@ -28,6 +28,7 @@ constexpr std::int8_t kNeverHit = -128;        ///< in hit_x: no beam ended in t
 constexpr std::uint32_t kCameraEvery = 4;      ///< a power of two: 20 sweeps and 5 images a second
 constexpr std::uint32_t kRefreshScans = 128;   ///< a power of two
 constexpr float kGain = 0.25F;
+constexpr float kSureGain = 0.06F;
 constexpr std::size_t kDenseSide = 2;          ///< beams over which the ends are averaged to either side, from where what protrudes stands out of the noise
 constexpr float kProtrudesM = 0.008F;          ///< more than averaged noise
 constexpr std::int32_t kGeometryStep = 10;     ///< move of a mean hit (1/256 cell) that makes clearances stale
@@ -212,7 +213,9 @@ void OccupancyGrid::hit(const CellId id, const float x_cells, const float y_cell
     const float dx = (x_cells - static_cast<float>(c.ix) - 0.5F) * kOffsetUnits;
     const float dy = (y_cells - static_cast<float>(c.iy) - 0.5F) * kOffsetUnits;
     const bool fresh = t.log_odds[k] <= 0 || t.hit_x[k] == kNeverHit;
-    const float gain = fresh ? 1.0F : (t.log_odds[k] < log_max_ || dense ? kGain : 0.0F);
+    // Scattered ends move a sure cell's mean along the wall, to and fro: a little only, and not at all once dense ones have told it.
+    const float scattered = t.log_odds[k] < log_max_ - 1 ? kGain : (t.log_odds[k] < log_max_ ? kSureGain : 0.0F);
+    const float gain = fresh ? 1.0F : (dense ? kGain : scattered);
     const float old_x = static_cast<float>(t.hit_x[k]);
     const float old_y = static_cast<float>(t.hit_y[k]);
     const std::int32_t new_x = round_int(fresh ? dx : old_x + gain * (dx - old_x));
