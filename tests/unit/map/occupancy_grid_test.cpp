@@ -368,6 +368,27 @@ void a_corner_is_not_averaged_back() {
     TEST_ASSERT_TRUE(sum_m / looks < 0.007);
 }
 
+// Looks from afar, which cannot tell a corner from the middle of what they see, leave it where looks from near put it.
+void what_was_seen_from_near_is_not_moved_from_afar() {
+    const Parameters p;
+    const auto grid = grid_with(p);
+    std::mt19937 rng(13);
+    LevelScan s;
+    noctule::test::FlatWorld world;
+    world.add_wall(0.0, 0.0, 2.0, 0.0);
+    world.turn(0.7854);
+    const auto look = [&](const double x_m) {   // along the x axis at the corner on the left
+        noctule::test::sweep(world, x_m, 0.0354, 0.0, 10.0, 0.01, rng, s);
+        s.range_noise_m = 0.01F;
+        grid->integrate(at(static_cast<float>(x_m), 0.0354F), s);
+    };
+    for (int k = 0; k < 20; ++k) { look(-0.5); }
+    const float before_m = grid->clearance_m(-0.5F, 0.0354F, 0.8F);
+    TEST_ASSERT_FLOAT_WITHIN(0.012F, static_cast<float>(world.clearance(-0.5, 0.0354)), before_m);
+    for (int k = 0; k < 40; ++k) { look(-3.0); }
+    TEST_ASSERT_FLOAT_WITHIN(0.001F, before_m, grid->clearance_m(-0.5F, 0.0354F, 0.8F));
+}
+
 // A wall 2.5 cm behind the edge of a row of cells: one beam in a hundred ends before it by as much.
 void noise_puts_no_hits_before_a_wall() {
     const Parameters p;
@@ -510,6 +531,7 @@ int main() {
     RUN_TEST(every_change_is_published_in_the_end);
     RUN_TEST(clearance_is_measured_to_hits_not_to_cells);
     RUN_TEST(a_corner_is_not_averaged_back);
+    RUN_TEST(what_was_seen_from_near_is_not_moved_from_afar);
     RUN_TEST(noise_puts_no_hits_before_a_wall);
     RUN_TEST(clearance_is_that_of_the_nearest_of_all_hits);
     RUN_TEST(the_camera_sees_its_sector_of_free_cells_up_to_the_first_wall);

@@ -1,4 +1,5 @@
 // Where the hull fits: a place closed because it held the vehicle, and what is hit of stairs.
+#include <cmath>
 #include <memory>
 
 #include "unit/plan/closed_world.hpp"
@@ -89,11 +90,64 @@ void a_closed_place_is_not_passed_until_its_time_is_over() {
     TEST_ASSERT_TRUE(where->passable(loop->grid.find(-1.05F, 1.05F)));
 }
 
+/// A sweep that sees two posts across the way, each this far from the middle of the cell at (0.55, 0.05), and far between them.
+void look_between_posts(OccupancyGrid& grid, const double half_m) {
+    LevelScan scan;
+    scan.range_max_m = 10.0F;
+    scan.bearing_increment_rad = 0.0044F;
+    const auto beam = [&scan](const double x_m, const double y_m) {
+        ScanPoint q;
+        q.x_m = static_cast<float>(x_m);
+        q.y_m = static_cast<float>(y_m);
+        q.range_m = static_cast<float>(std::hypot(x_m, y_m));
+        q.hit = true;
+        TEST_ASSERT_TRUE(scan.points.push(q));
+    };
+    beam(0.55, -half_m);
+    beam(3.0, 0.0);
+    beam(0.55, half_m);
+    Estimate e;
+    e.planar.pose_map_body = {0.0F, 0.05F, 0.0F};
+    e.planar.quality = 100;
+    e.altitude.valid = true;
+    e.altitude.z_m = 1.0F;
+    for (int k = 0; k < 30; ++k) { grid.integrate(e, scan); }
+}
+
+void a_gap_found_closed_does_not_open_by_noise() {
+    const Parameters p;   // hull 0.30 m and 0.06 m
+    const auto grid = std::make_unique<OccupancyGrid>(p);
+    const auto where = std::make_unique<Traversability>(p);
+    const auto open = [&](const double half_m) {
+        look_between_posts(*grid, half_m);
+        where->reopen(1'000'000);
+        where->reopen_all();   // taken up at once; lenient from the next step on only
+        settle(*where, *grid);
+        return where->clearance_cm(grid->find(0.55F, 0.05F)) >= 36;
+    };
+    TEST_ASSERT_TRUE(open(0.372));
+    TEST_ASSERT_TRUE_MESSAGE(open(0.357), "open, it stays so with a little less");
+    TEST_ASSERT_FALSE(open(0.352));
+    where->reopen(9'000'000);   // the four seconds are over
+    const auto later = [&](const double half_m, const std::int64_t t_us) {
+        look_between_posts(*grid, half_m);
+        where->reopen(t_us);
+        settle(*where, *grid);
+        return where->clearance_cm(grid->find(0.55F, 0.05F)) >= 36;
+    };
+    TEST_ASSERT_FALSE_MESSAGE(later(0.372, 10'000'000), "as much as noise adds");
+    TEST_ASSERT_TRUE_MESSAGE(later(0.372, 61'000'000), "once a minute less is enough");
+    TEST_ASSERT_FALSE(later(0.352, 70'000'000));
+    TEST_ASSERT_FALSE(later(0.372, 71'000'000));
+    TEST_ASSERT_TRUE(later(0.395, 72'000'000));
+}
+
 }  // namespace
 
 int main() {
     UNITY_BEGIN();
     RUN_TEST(what_is_hit_of_stairs_counts_as_nearer);
     RUN_TEST(a_closed_place_is_not_passed_until_its_time_is_over);
+    RUN_TEST(a_gap_found_closed_does_not_open_by_noise);
     return UNITY_END();
 }
