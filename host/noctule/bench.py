@@ -180,6 +180,7 @@ BENCHES: dict[str, Callable[[bool, bool], list[dict]]] = {"flight": bench_flight
 BENCHES["altitude"] = lambda quick, fresh: importlib.import_module("noctule.bench_altitude").bench_altitude(quick, fresh)
 BENCHES["localisation"] = lambda quick, fresh: importlib.import_module("noctule.bench_localisation").bench_localisation(quick, fresh)
 BENCHES["motion"] = lambda quick, fresh: importlib.import_module("noctule.bench_motion").bench_motion(quick, fresh)
+BENCHES["unseen"] = lambda quick, fresh: importlib.import_module("noctule.bench_unseen").bench_unseen(quick, fresh)
 BENCHES["exploration"] = lambda quick, fresh: importlib.import_module("noctule.bench_exploration").bench_exploration(quick, fresh)
 BENCHES["instructions"] = lambda quick, fresh: importlib.import_module("noctule.bench_instructions").bench_instructions(quick, fresh)
 BENCHES["floors"] = lambda quick, fresh: importlib.import_module("noctule.bench_floors").bench_floors(quick, fresh)

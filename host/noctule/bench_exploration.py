@@ -224,8 +224,8 @@ def draw_paths(results: list[dict], path: Path, seed: int) -> None:
     plt.close(figure)
 
 
-def rows_of(results: list[dict], clairvoyant: dict[str, float]) -> list[dict]:
-    """The table: the default against the nearest frontier, worlds weighing the same."""
+def policy_rows(results: list[dict]) -> list[dict]:
+    """What each policy did, the default with what it must."""
     rows = []
     for policy in COMPARED:
         mine = [r for r in results if r["policy"] == policy]
@@ -242,6 +242,12 @@ def rows_of(results: list[dict], clairvoyant: dict[str, float]) -> list[dict]:
             row(f"{label}: targets given up, mean", float(np.mean([r["stuck"] for r in mine])), "-"),
             row(f"{label}: planning each step, p99, greatest", max(r["plan_ms"][1] for r in mine), "ms", None, "<= 5" if must else None, "<= 1" if must else None),
         ]
+    return rows
+
+
+def rows_of(results: list[dict], clairvoyant: dict[str, float]) -> list[dict]:
+    """The table: the default against the nearest frontier, worlds weighing the same."""
+    rows = policy_rows(results)
     never = undecided(results)
     for name in never:
         seen = {policy: float(np.mean([r["explored_fraction"] for r in results if (r["world"], r["policy"]) == (name, policy)])) for policy in COMPARED}

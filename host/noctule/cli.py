@@ -173,7 +173,7 @@ def parser() -> argparse.ArgumentParser:
     bench = commands.add_parser("bench", help="measure and print a table",
                                 description="Measures and prints one row a metric: value, unit, reference, must, aim. "
                                             "What has been measured is kept under runs/bench and not measured again.")
-    bench.add_argument("name", metavar="NAME", help="which bench: flight, altitude, localisation, exploration, instructions, motion, floors, vision, link")
+    bench.add_argument("name", metavar="NAME", help="which bench: flight, altitude, localisation, exploration, unseen, instructions, motion, floors, vision, link")
     bench.add_argument("--json", type=Path, metavar="FILE", help="write the rows to this file, too")
     bench.add_argument("--quick", action="store_true", help="fewer seeds; ends in 15 minutes")
     bench.add_argument("--fresh", action="store_true", help="measure everything again")
