@@ -311,7 +311,7 @@ bool FrontierSearch::run(const OccupancyGrid& grid, const Traversability& where,
         Frontier f;
         f.behind = unknown_behind(grid);
         if (f.behind < rule.behind_min) { continue; }
-        groups += rule.fine ? kFineParts : 1;
+        groups += rule.fine ? kFineGroups : 1;
         f.cells = static_cast<std::int32_t>(group_.size());
         bool waits = false;
         const std::size_t count = group_.size();
