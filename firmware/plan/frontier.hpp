@@ -118,7 +118,7 @@ public:
 private:
     static constexpr std::int32_t kRays = 96;         ///< lines of sight from a frontier cell
     static constexpr std::int32_t kFineParts = 4;     ///< ViewRule::fine: lines in place of one
-    static constexpr std::int32_t kFineGroups = 8;    ///< and groups that one counts as in a slice: its lines are longer, too
+    static constexpr std::int32_t kFineGroups = 12;   ///< and groups that one counts as in a slice: its lines are longer, too
     static constexpr std::int32_t kTilesPerSlice = 24;
     static constexpr std::int32_t kGroupsPerSlice = 24;
     static constexpr std::int32_t kGroupRadius = 7;   ///< cells from the first one of a group; wider edges are several groups
