@@ -21,7 +21,7 @@ from noctule.settings import POLICIES
 SHIPPED = ("maze_a", "maze_b", "office", "levels", "two_floor")
 QUICK_WORLDS = ("maze_a", "maze_b", "SCHOOL_Borchen4", "HOUSEEXPO_house_expo_room_0000", "SCHOOL_Franch1")
 QUICK_SEEDS = (1,)
-TUNED_ON = ("maze_a", "maze_b", "SCHOOL_Borchen4", "OFFICE_chewlane")   # all others and seeds 4, 5 were held back
+TUNED_ON = ("maze_a", "maze_b", "office", "levels", "HOUSEEXPO_house_expo_room_0000", "OFFICE_chewlane", "SCHOOL_Borchen4", "SCHOOL_Lamuniere1")
 MAX_TIME_S = 1800.0
 CRUISE_M_S = 0.7          # at which the tour that knows the building is flown: between the mean speeds of both policies and what is allowed
 WORKERS = 2
