@@ -257,7 +257,7 @@ const PlanarEstimate& Localiser::finish(const SensorFrame& frame, const Altitude
     const bool lead = match_leads();
     if (parameters_.scan_match != 0) { tracker_.take(level_scan_); }
     if (lead) {
-        static_cast<void>(tracker_.match(predicted, filter_.predicted_covariance()));
+        static_cast<void>(tracker_.match(predicted, filter_.predicted_covariance(), !external_motion_));
     } else if (parameters_.point_match != 0) {
         match = points_.match(layer_, match_points_, predicted, filter_.predicted_covariance());
     }

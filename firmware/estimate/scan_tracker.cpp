@@ -21,7 +21,8 @@ constexpr float kDoubted = 2.0F;           // the source of motion was off by mo
 constexpr float kOtherModel = 2.0F;        // cost of not believing it
 constexpr float kMatchFloor_m = 0.01F;
 constexpr float kMatchFloor_rad = 0.002F;
-
+constexpr float kImpossible = 8.0F;        // times the covariance in place that a match may lie outside of an inertial prediction: 5 sigma
+constexpr std::int32_t kMostRefused = 20;  // sweeps: what says the same for a second is believed
 
 }  // namespace
 
@@ -36,7 +37,7 @@ Pose2<Map, Body> ScanTracker::as_before() const {
     return last_pose_ * Pose2<Body, Body>{share * last_step_.x_m, share * last_step_.y_m, share * last_step_.yaw_rad};
 }
 
-const ScanFit& ScanTracker::match(const Pose2<Map, Body>& predicted, const Matrix<float, 3, 3>& covariance) {
+const ScanFit& ScanTracker::match(const Pose2<Map, Body>& predicted, const Matrix<float, 3, 3>& covariance, const bool sure_motion) {
     fit_ = ScanFit{};
     fit_.pose = predicted;
     Prediction prior{predicted, covariance, {}};
@@ -77,6 +78,14 @@ const ScanFit& ScanTracker::match(const Pose2<Map, Body>& predicted, const Matri
             }
         }
     }
+    if (sure_motion && fit_.match.valid && fit_.prior_scale.place > kImpossible && refused_ < kMostRefused) {
+        ++refused_;
+        fit_.match.valid = false;
+        fit_.pose = predicted;
+        fit_.prior_scale = {};
+        return fit_;
+    }
+    refused_ = 0;
     usual_share_ += kShareGain * (fit_.share - usual_share_);
     last_scale_ = fit_.prior_scale.place;
     if (fit_.share < kGoodShare) { ++counters_.poor; }

@@ -29,8 +29,9 @@ public:
     void relocate(const Relocation& relocation);
     /// Takes a sweep in, for match() and keep().
     void take(const LevelScan& scan);
-    /// Where the sweep lies in the map, near a prediction with its covariance (x, y, yaw).
-    const ScanFit& match(const Pose2<Map, Body>& predicted, const Matrix<float, 3, 3>& covariance);
+    /// Where the sweep lies in the map, near a prediction with its covariance (x, y, yaw). `sure_motion`: the prediction is inertial, so a match far
+    /// outside of it is refused at first (docs/maths/scan_match.md#motion); a wheel may slip.
+    const ScanFit& match(const Pose2<Map, Body>& predicted, const Matrix<float, 3, 3>& covariance, bool sure_motion = false);
     /// The pose that the sweep was given in the end, and the doubt about it: becomes a keyframe when one is due.
     void keep(const Pose2<Map, Body>& pose, const FrameDoubt& doubt);
     /// Share of this sweep's points that fall where the map has something; 1 without a map.
@@ -57,6 +58,7 @@ private:
     std::int64_t t_us_ = 0;
     float last_scale_ = 1.0F;
     float usual_share_ = 0.6F;
+    std::int32_t refused_ = 0;            ///< matches in a row
     std::uint16_t epoch_ = 0;
     std::uint16_t first_epoch_ = 0;       ///< keyframes of earlier ones are left out
     [[nodiscard]] Pose2<Map, Body> as_before() const;

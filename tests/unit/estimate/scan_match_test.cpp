@@ -87,6 +87,25 @@ void test_a_prediction_far_off_is_searched_round() {
     TEST_ASSERT_FLOAT_WITHIN(0.01F, truth.yaw_rad, fit.match.pose.yaw_rad);
 }
 
+void test_a_match_that_an_inertial_prediction_rules_out_is_believed_after_a_second_only() {
+    Random random(8);
+    const auto tracker = taught(random);
+    const Pose2<Map, Body> truth{0.2F, 0.15F, 0.3F};
+    const Pose2<Map, Body> off{truth.x_m + 0.15F, truth.y_m, truth.yaw_rad};
+    const auto matched = [&](const bool sure_motion, const Pose2<Map, Body>& predicted) {
+        tracker->take(sweep(truth, random, 0.01F));
+        return tracker->match(predicted, covariance(0.008F, 0.002F), sure_motion).match.valid;
+    };
+    TEST_ASSERT_TRUE(matched(false, off));          // a wheel may slip
+    int refused = 0;
+    while (refused < 100 && !matched(true, off)) { ++refused; }
+    TEST_ASSERT_EQUAL(20, refused);
+    TEST_ASSERT_FLOAT_WITHIN(0.03F, truth.x_m, tracker->fit().match.pose.x_m);
+    TEST_ASSERT_TRUE(matched(true, truth));
+    TEST_ASSERT_FALSE(matched(true, off));          // counted anew
+    TEST_ASSERT_EQUAL_FLOAT(off.x_m, tracker->fit().pose.x_m);
+}
+
 void test_between_two_parallel_walls_nothing_is_said_along_them() {
     Random random(5);
     ScanTracker tracker(parameters);
@@ -182,6 +201,7 @@ int main() {
     UNITY_BEGIN();
     RUN_TEST(test_a_prediction_a_little_off_is_put_right);
     RUN_TEST(test_a_prediction_far_off_is_searched_round);
+    RUN_TEST(test_a_match_that_an_inertial_prediction_rules_out_is_believed_after_a_second_only);
     RUN_TEST(test_between_two_parallel_walls_nothing_is_said_along_them);
     RUN_TEST(test_an_empty_map_and_an_empty_sweep_give_no_match);
     RUN_TEST(test_a_full_pool_gives_up_the_most_crowded_keyframe);
