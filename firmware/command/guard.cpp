@@ -7,6 +7,7 @@
 #include "core/length.hpp"
 #include "plan/fence.hpp"
 #include "plan/target.hpp"
+#include "sense/mean_range.hpp"
 
 namespace noctule {
 
@@ -17,11 +18,8 @@ constexpr float kBlindReachM = 1.0F;    ///< in the sector that the laser does n
 constexpr float kForesightS = 0.4F;     ///< motion this far ahead must stay clear
 constexpr float kGentleShare = 0.85F;    ///< of the speed from which it can stop: from there on it is slowed, at that speed it is stopped
 constexpr float kTurnBackS = 0.5F;      ///< the setpoint is drawn back by what is too fast in this time
-constexpr float kRounding = 1e-5F;
-constexpr float kMeanArcM = 0.008F;     ///< hit points this far to either side count into the mean range: noise has no say
+constexpr float kRounding = 1e-5F;      ///< of a cross product, as a share of its terms
 constexpr float kMeanSigmas = 2.0F;     ///< but not what lies deeper or nearer than the noise explains: a wall seen along its face recedes
-constexpr float kLeastSigmaM = 0.003F;
-constexpr float kMostSigmaM = 0.04F;
 constexpr float kMiddleM = 0.01F;       ///< a setpoint off the middle of a gap by less is not pushed
 constexpr float kPassedM = 0.035F;      ///< hull and less than this to both sides: no gap that the planner enters, it is pushed out again
 constexpr float kOppositeShare = 0.3F;  ///< cosine from which a hit point is on the other side
@@ -56,7 +54,7 @@ void Guard::gather(const Estimate& estimate, const LevelScan& scan, const Occupa
     float widest_y_m = 0.0F;
     float nearest = kReachM;
     const auto count = static_cast<std::int32_t>(scan.points.size());
-    const float like_m = kMeanSigmas * std::clamp(scan.range_noise_m, kLeastSigmaM, kMostSigmaM);
+    const float like_m = kMeanSigmas * believed_sigma_m(scan);
     for (std::int32_t k = 0; k < count; ++k) {
         const ScanPoint& p = scan.points[static_cast<std::size_t>(k)];
         // Its angle is worked out only if it may be wider than the widest so far: by the sine of what it is wider, and what rounding may take.

@@ -22,7 +22,7 @@ constexpr float kOtherModel = 2.0F;        // cost of not believing it
 constexpr float kMatchFloor_m = 0.01F;
 constexpr float kMatchFloor_rad = 0.002F;
 constexpr float kImpossible = 8.0F;        // times the covariance in place that a match may lie outside of an inertial prediction: 5 sigma
-constexpr std::int32_t kMostRefused = 20;  // sweeps: what says the same for a second is believed
+constexpr std::int32_t kMostRefused = 20;  // sweeps in a row: then the match is believed; a second at 20 Hz
 
 }  // namespace
 

@@ -1,6 +1,6 @@
 """Buildings drawn at random, for judging an exploration by what it was not tuned on. Pure functions, form of docs/worlds.md.
 
-A kind and a number give one building, the same on every machine. All are one floor of 2.5 m, turned by any angle; every room can be reached by a hull of 0.66 m.
+A kind and a number give one building, the same on every machine. All are one floor of 2.5 m, turned by any angle. Doors are 0.85 m or wider, and nothing stands before them.
 """
 
 from __future__ import annotations

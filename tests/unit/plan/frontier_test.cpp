@@ -62,7 +62,7 @@ struct TwoRooms {
 void expect_more_by_fine_lines(TwoRooms& r) {
     const std::size_t coarse = r.found(false);
     const std::size_t fine = r.found(true);
-    std::printf("  %zu groups with a viewpoint, %zu by fine lines\n", coarse, fine);
+    std::printf("  %d groups with a viewpoint, %d by fine lines\n", static_cast<int>(coarse), static_cast<int>(fine));
     TEST_ASSERT_TRUE_MESSAGE(fine > coarse, "no more than by coarse lines");
     for (const Frontier& f : r.search.found()) {
         TEST_ASSERT_TRUE(r.where.passable(f.view));
