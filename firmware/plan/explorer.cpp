@@ -230,6 +230,7 @@ void Explorer::follow(const OccupancyGrid& grid, const Pose2<Map, Body>& pose, c
             end_x_m = grid.geometry().centre_x_m(root);
             end_y_m = grid.geometry().centre_y_m(root);
         }
+        if (goal_.to_place) { where_.make_room(grid, end_x_m, end_y_m); }
         static_cast<void>(potential_.trace(grid, where_, field, from.x_m, from.y_m, end_x_m, end_y_m, target.path));
     }
     if (target.path.empty()) {

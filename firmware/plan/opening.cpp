@@ -21,6 +21,7 @@ constexpr float kWayCost = 0.05F;
 constexpr float kSkippedM = 0.15F;
 constexpr std::int32_t kMostFarther = 16; ///< looks at what is beside the part that was seen, before an opening is too small
 constexpr float kTellsM = 0.2F;           ///< nearer than this to a known edge a look tells nothing new
+constexpr float kDrawnM = 0.1F;           ///< a spot where the hull does not fit is tried this much nearer to the middle
 constexpr int kRing = 8;
 
 }  // namespace
@@ -51,21 +52,22 @@ void OpeningJudge::draw(const VerticalMap& map, const std::int8_t floor, const V
 }
 
 // Spots round a place that were not looked at yet; `next` is the nearest of them. A spot where the hull does not fit is drawn
-// towards the middle until it does.
+// towards the middle until it does, as far as the hull's own rim.
 std::int32_t OpeningJudge::unknown_round(const OccupancyGrid& grid, const Traversability& where, const float x_m, const float y_m, const float from_x_m,
                                          const float from_y_m, Spot& next) const {
-    const float radius_m = std::min(kRingShare * p_.floor_safety_m, kRingMostM);
+    const float least_m = p_.hull_radius_m + kSlackM;
+    const float radius_m = std::max(std::min(kRingShare * p_.floor_safety_m, kRingMostM), least_m);
     std::int32_t unknown = 0;
     float nearest = std::numeric_limits<float>::infinity();
     for (int k = 0; k < kRing; ++k) {
         const float a = kPi * 2.0F * static_cast<float>(k) / static_cast<float>(kRing);
         Spot spot;
-        float r = radius_m;
-        for (; r > 0.1F; r -= 0.1F) {
+        bool fits = false;
+        for (float r = radius_m; !fits; r = std::max(r - kDrawnM, least_m)) {
             spot = {x_m + r * std::cos(a), y_m + r * std::sin(a)};
-            if (where.passable(grid.find(spot.x_m, spot.y_m))) { break; }
+            fits = where.passable(grid.find(spot.x_m, spot.y_m));
+            if (!fits && r <= least_m) { return -1; }
         }
-        if (r < p_.hull_radius_m + kSlackM) { return -1; }
         bool known = false;
         const auto i = static_cast<std::int32_t>(std::floor(spot.x_m / cell_m_)) - centre_.ix + kReach;
         const auto j = static_cast<std::int32_t>(std::floor(spot.y_m / cell_m_)) - centre_.iy + kReach;

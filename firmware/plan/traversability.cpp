@@ -19,6 +19,7 @@ constexpr float kClosesM = 0.005F;             ///< lacking to hull and margin: 
 constexpr float kReopensM = 0.015F;            ///< and opens again with this much over them
 constexpr std::int64_t kLenientEveryUs = 60000000;   ///< but now and then one look is enough: what was measured too narrow is not lost
 constexpr std::int64_t kLenientUs = 4000000;
+constexpr std::int64_t kAskedAgainUs = 1000000;      ///< while there is no way it is asked for at every step
 constexpr float kStepsCells[] = {0.4F, 0.2F, 0.1F};   ///< in which the roomiest point of a cell is looked for
 constexpr float kStairsApartM = 0.2F;
 constexpr float kBlockM = 1.2F;                ///< across a block, and more
@@ -113,6 +114,7 @@ void Traversability::reopen_last() {
 }
 
 void Traversability::reopen_all() {
+    if (closed_.empty() && now_us_ + kLenientUs < lenient_until_us_ + kAskedAgainUs) { return; }
     lenient_until_us_ = now_us_ + kLenientUs;
     closed_.clear();
     mark_all_stale();
@@ -237,16 +239,25 @@ void Traversability::update(const OccupancyGrid& grid, const float x_m, const fl
     }
 }
 
-// A gap's middle seldom lies on a cell's centre: where the hull just does not fit there, the roomiest point of the cell counts.
-float Traversability::roomiest_m(const OccupancyGrid& grid, const Hits& hits, const float x_m, const float y_m, const float centre_m) const {
+void Traversability::make_room(const OccupancyGrid& grid, float& x_m, float& y_m) const {
+    if (!passable(grid.find(x_m, y_m)) || grid.clearance_m(x_m, y_m, kCapM) >= 0.01F * static_cast<float>(need_cm_)) { return; }
+    const Cell cell = grid.geometry().cell(x_m, y_m);
+    x_m = grid.geometry().centre_x_m(cell);
+    y_m = grid.geometry().centre_y_m(cell);
+    roomiest_m(grid, nullptr, x_m, y_m, grid.clearance_m(x_m, y_m, kCapM));
+}
+
+// A gap's middle seldom lies on a cell's centre: where the hull just does not fit there, the roomiest point of the cell counts. The hits round it, if they
+// are at hand. (x_m, y_m) becomes that point.
+float Traversability::roomiest_m(const OccupancyGrid& grid, const Hits* const hits, float& x_m, float& y_m, const float centre_m) const {
     const float need_m = 0.01F * static_cast<float>(need_cm_);
     const float cell_m = grid.geometry().cell_m();
     if (centre_m >= need_m || centre_m <= need_m - cell_m) { return centre_m; }
     // As OccupancyGrid::clearance_m, from the hits at hand; of two equally far the first counts there, too.
     const auto clearance_m = [&](const float from_x_m, const float from_y_m, const float radius_m, float& hit_x_m, float& hit_y_m) {
-        if (hits.full()) { return grid.clearance_m(from_x_m, from_y_m, radius_m, &hit_x_m, &hit_y_m); }
+        if (hits == nullptr || hits->full()) { return grid.clearance_m(from_x_m, from_y_m, radius_m, &hit_x_m, &hit_y_m); }
         float best_m2 = radius_m * radius_m;
-        for (const Point2<Map>& hit : hits) {
+        for (const Point2<Map>& hit : *hits) {
             const float d_m2 = (hit.x_m - from_x_m) * (hit.x_m - from_x_m) + (hit.y_m - from_y_m) * (hit.y_m - from_y_m);
             if (!(d_m2 < best_m2)) { continue; }
             best_m2 = d_m2;
@@ -274,6 +285,8 @@ float Traversability::roomiest_m(const OccupancyGrid& grid, const Hits& hits, co
         hit_x_m = there_x_m;
         hit_y_m = there_y_m;
     }
+    x_m = at_x_m;
+    y_m = at_y_m;
     return std::max(centre_m, room_m);
 }
 
@@ -342,7 +355,9 @@ void Traversability::compute(const OccupancyGrid& grid, const std::int32_t block
             std::uint8_t result = 0;
             if ((free_cells[kj] >> ki & 1U) != 0U && fence_.depth_m(middle_x_m[ki], middle_y_m[kj]) >= kFenceInsetM) {
                 const float centre_m = std::sqrt(nearest_m2[kj][ki]);
-                const float room_m = stairs ? centre_m : roomiest_m(grid, hits, middle_x_m[ki], middle_y_m[kj], centre_m);
+                float at_x_m = middle_x_m[ki];
+                float at_y_m = middle_y_m[kj];
+                const float room_m = stairs ? centre_m : roomiest_m(grid, &hits, at_x_m, at_y_m, centre_m);
                 result = static_cast<std::uint8_t>(std::clamp<std::int32_t>(static_cast<std::int32_t>(std::lround(100.0F * room_m)), 1, kCapCm));
                 // A gap that opens and closes with the noise of hits draws the vehicle to and fro: what was found closed opens with more room only.
                 const std::int32_t before_cm = values[static_cast<std::size_t>(((y0 + j) & 63) * kTileCells + ((x0 + i) & 63))] & 0x7F;

@@ -34,6 +34,7 @@ public:
     void close(float x_m, float y_m, std::int64_t until_us);
     /// The place closed last is open again.
     void reopen_last();
+    /// And for a while one look is enough to find a gap open. Asked again within a second, with nothing closed, it does nothing.
     void reopen_all();
     /// Those whose time is over.
     void reopen(std::int64_t t_us);
@@ -60,6 +61,8 @@ public:
     [[nodiscard]] bool over_unknown(const CellId id) const { return id != kNoCell && byte(id) >= 0x80; }
     /// True: hull and margin fit, but something unknown is under the hull.
     [[nodiscard]] bool at_edge(const CellId id) const { return id != kNoCell && byte(id) >= 0x80 && (byte(id) & 0x7F) >= need_cm_; }
+    /// Moves a place where the hull does not fit, in a passable cell, to the roomiest point of its cell.
+    void make_room(const OccupancyGrid& grid, float& x_m, float& y_m) const;
     /// Time to cross a unit of length there, against crossing it at full speed; at least 1. docs/maths/potential.md, equation (5).
     [[nodiscard]] float slowness(const CellId id) const { return slowness_[static_cast<std::size_t>(clearance_cm(id))]; }
 
@@ -89,7 +92,7 @@ private:
     void look_for_changes(const OccupancyGrid& grid, std::int32_t slot);
     void enqueue(std::int32_t block);
     void compute(const OccupancyGrid& grid, std::int32_t block);
-    [[nodiscard]] float roomiest_m(const OccupancyGrid& grid, const Hits& hits, float x_m, float y_m, float centre_m) const;
+    float roomiest_m(const OccupancyGrid& grid, const Hits* hits, float& x_m, float& y_m, float centre_m) const;
 
     const Parameters& p_;
     std::array<std::array<std::uint8_t, kTileArea>, kMaxTiles> value_{};

@@ -18,7 +18,8 @@ namespace {
 constexpr double kUndersideM = 2.4;
 constexpr double kUpperM = 2.6;
 constexpr double kRoofM = 5.0;
-constexpr double kScale = kMaxTiles < 32U ? 0.6 : 1.0;   ///< of the hall: two floors of it have to fit the tiles of the capacity profile
+constexpr double kSmall = 0.6;
+constexpr double kScale = kMaxTiles < 32U ? kSmall : 1.0;   ///< of the hall: two floors of it have to fit the tiles of the capacity profile
 
 /// A square opening in the slab between two floors, turned.
 struct Opening {
@@ -33,13 +34,13 @@ struct Opening {
 /// A mission in a hall whose slab has that opening.
 struct Flight {
     Parameters p;
-    FlatWorld world = test::hall(kScale);
+    FlatWorld world;
     ClosedLoop loop;
 
     /// An opening's place is that in the hall of full size.
-    explicit Flight(Opening opening, const unsigned seed = 3U) : loop(p, world, seed) {
-        opening.x *= kScale;
-        opening.y *= kScale;
+    explicit Flight(Opening opening, const unsigned seed = 3U, const double scale = kScale) : world(test::hall(scale)), loop(p, world, seed) {
+        opening.x *= scale;
+        opening.y *= scale;
         p.floor_search_s = 600.0F;   // the search is flown to its end
         loop.slab_m = kUpperM;
         loop.over_m = [opening](const double x, const double y, const double z) { return z > kUndersideM || opening.holds(x, y) ? kRoofM : kUndersideM; };
@@ -76,6 +77,15 @@ void openings_are_found_wherever_they_are() {
             const double hull_m = static_cast<double>(flight->p.hull_radius_m);
             TEST_ASSERT_TRUE(o.holds(flight->loop.x + hull_m * std::cos(a), flight->loop.y + hull_m * std::sin(a)));
         }
+    }
+}
+
+// In the corner of a small hall there is one place to go through, and from some of the spots to look from the hull fits beside the cell's middle only.
+void an_opening_is_found_where_the_hull_only_just_fits() {
+    for (const unsigned seed : {3U, 6U, 11U}) {
+        const auto flight = std::make_unique<Flight>(Opening{2.0, -1.6, 1.5, 0.9}, seed, kSmall);
+        TEST_ASSERT_TRUE_MESSAGE(flight->until_shift(), "the opening was missed");
+        std::printf("  seed %u: after %.0f s\n", seed, flight->loop.time_s());
     }
 }
 
@@ -148,6 +158,7 @@ void a_whole_ceiling_ends_the_search_and_leads_home() {
 int main() {
     UNITY_BEGIN();
     RUN_TEST(openings_are_found_wherever_they_are);
+    if (kScale > kSmall) { RUN_TEST(an_opening_is_found_where_the_hull_only_just_fits); }   // else the test before was it
     RUN_TEST(both_floors_are_explored_and_it_lands_at_home);
     RUN_TEST(an_opening_that_closes_over_the_vehicle_is_left_again);
     RUN_TEST(an_opening_that_is_too_small_is_refused);

@@ -27,7 +27,8 @@ struct Hall {
     float half_m = 0.7F;
     BeyondBand beyond{3.5F, 1e9F};
 
-    Hall(const float cx_m, const float cy_m, const float side_m) : x_m(cx_m), y_m(cy_m), half_m(0.5F * side_m) {
+    Hall(const float cx_m, const float cy_m, const float side_m, const float hull_m = 0.30F) : x_m(cx_m), y_m(cy_m), half_m(0.5F * side_m) {
+        p.hull_radius_m = hull_m;
         grid = std::make_unique<OccupancyGrid>(p);
         where = std::make_unique<Traversability>(p);
         judge = std::make_unique<OpeningJudge>(p);
@@ -98,6 +99,20 @@ void a_spot_is_not_known_by_a_look_across_a_corner() {
     TEST_ASSERT_EQUAL_INT(static_cast<int>(OpeningVerdict::What::survey), static_cast<int>(hall.ask(0.05F, 0.05F, 0.05F, 0.05F).what));
 }
 
+// Beside a wall a look round goes as near as an edge over the hull would still be seen: here 0.34 m fits, and 0.37 m does not.
+void an_opening_at_a_wall_is_looked_round_as_near_as_the_hull() {
+    Hall hall(5.35F, 0.05F, 1.2F, 0.29F);
+    TEST_ASSERT_TRUE(hall.where->passable(hall.grid->find(5.69F, 0.05F)));
+    TEST_ASSERT_FALSE(hall.where->passable(hall.grid->find(5.72F, 0.05F)));
+    hall.fly(3.0F, 0.05F, 5.65F, 0.05F);
+    hall.fly(5.35F, -2.0F, 5.35F, 2.0F);
+    int looks = 0;
+    const OpeningVerdict v = hall.survey(5.35F, 2.0F, 5.35F, 0.05F, looks);
+    TEST_ASSERT_EQUAL_INT(static_cast<int>(OpeningVerdict::What::ready), static_cast<int>(v.what));
+    TEST_ASSERT_FLOAT_WITHIN(0.06F, 5.35F, v.x_m);
+    TEST_ASSERT_FLOAT_WITHIN(0.11F, 0.05F, v.y_m);   // edges are known to half a cell
+}
+
 void an_opening_of_80_centimetres_is_refused() {
     Hall hall(0.33F, -0.41F, 0.8F);
     hall.fly(-2.0F, hall.y_m, 3.0F, hall.y_m);
@@ -120,6 +135,7 @@ int main() {
     UNITY_BEGIN();
     RUN_TEST(an_opening_crossed_once_is_looked_round_and_taken_in_its_middle);
     RUN_TEST(a_spot_is_not_known_by_a_look_across_a_corner);
+    RUN_TEST(an_opening_at_a_wall_is_looked_round_as_near_as_the_hull);
     RUN_TEST(an_opening_of_80_centimetres_is_refused);
     RUN_TEST(a_wide_one_needs_less_than_the_paper_asks_unless_told);
     return UNITY_END();

@@ -1,5 +1,6 @@
-// Where the hull fits: a place closed because it held the vehicle, and what is hit of stairs.
+// Where the hull fits: a place closed because it held the vehicle, what is hit of stairs, the room in a cell beside a wall.
 #include <cmath>
+#include <cstdio>
 #include <memory>
 
 #include "unit/plan/closed_world.hpp"
@@ -90,6 +91,57 @@ void a_closed_place_is_not_passed_until_its_time_is_over() {
     TEST_ASSERT_TRUE(where->passable(loop->grid.find(-1.05F, 1.05F)));
 }
 
+// The way to a place ends there: in a passable cell it has to be a point where the hull fits.
+void a_place_beside_a_wall_is_moved_to_where_the_hull_fits() {
+    const Parameters p;   // hull 0.30 m and 0.06 m
+    FlatWorld world = room();
+    world.turn(0.3);
+    const auto loop = explored_room(p, world);
+    const auto where = std::make_unique<Traversability>(p);
+    settle(*where, loop->grid);
+    int moved = 0;
+    for (float y_m = -2.95F; y_m < 3.0F; y_m += 0.1F) {
+        for (float x_m = -2.97F; x_m < 3.0F; x_m += 0.1F) {
+            float to_x_m = x_m;
+            float to_y_m = y_m;
+            where->make_room(loop->grid, to_x_m, to_y_m);
+            const CellId at = loop->grid.find(x_m, y_m);
+            if (!where->passable(at) || loop->grid.clearance_m(x_m, y_m, 0.5F) >= 0.36F) {
+                TEST_ASSERT_TRUE(to_x_m == x_m && to_y_m == y_m);
+                continue;
+            }
+            ++moved;
+            TEST_ASSERT_TRUE(loop->grid.clearance_m(to_x_m, to_y_m, 0.5F) > 0.352F);   // a place once open stays so with 5 mm less
+            TEST_ASSERT_TRUE(std::fabs(to_x_m - x_m) < 0.101F && std::fabs(to_y_m - y_m) < 0.101F);
+        }
+    }
+    std::printf("  %d places moved\n", moved);
+    TEST_ASSERT_TRUE(moved > 20);
+}
+
+// Asked again at every step while there is no way, with nothing closed, it works once a second.
+void opening_what_is_not_closed_is_done_once_a_second() {
+    const Parameters p;
+    const FlatWorld world = room();
+    const auto loop = explored_room(p, world);
+    const auto where = std::make_unique<Traversability>(p);
+    const auto work = [&](const std::int64_t t_us) {
+        const std::uint32_t before = where->blocks_done();
+        where->reopen(t_us);
+        where->reopen_all();
+        settle(*where, loop->grid);
+        return where->blocks_done() - before;
+    };
+    TEST_ASSERT_TRUE(work(1'000'000) > 0U);
+    TEST_ASSERT_EQUAL_UINT32(0U, work(1'050'000));
+    TEST_ASSERT_EQUAL_UINT32(0U, work(1'950'000));
+    TEST_ASSERT_TRUE(work(2'050'000) > 0U);
+    where->close(1.05F, 1.05F, 90'000'000);
+    settle(*where, loop->grid);
+    TEST_ASSERT_TRUE(work(2'100'000) > 0U);
+    TEST_ASSERT_TRUE(where->passable(loop->grid.find(1.05F, 1.05F)));
+}
+
 /// A sweep that sees two posts across the way, each this far from the middle of the cell at (0.55, 0.05), and far between them.
 void look_between_posts(OccupancyGrid& grid, const double half_m) {
     LevelScan scan;
@@ -118,9 +170,10 @@ void a_gap_found_closed_does_not_open_by_noise() {
     const Parameters p;   // hull 0.30 m and 0.06 m
     const auto grid = std::make_unique<OccupancyGrid>(p);
     const auto where = std::make_unique<Traversability>(p);
+    std::int64_t now_us = 0;
     const auto open = [&](const double half_m) {
         look_between_posts(*grid, half_m);
-        where->reopen(1'000'000);
+        where->reopen(now_us += 1'000'000);
         where->reopen_all();   // taken up at once; lenient from the next step on only
         settle(*where, *grid);
         return where->clearance_cm(grid->find(0.55F, 0.05F)) >= 36;
@@ -148,6 +201,8 @@ int main() {
     UNITY_BEGIN();
     RUN_TEST(what_is_hit_of_stairs_counts_as_nearer);
     RUN_TEST(a_closed_place_is_not_passed_until_its_time_is_over);
+    RUN_TEST(a_place_beside_a_wall_is_moved_to_where_the_hull_fits);
+    RUN_TEST(opening_what_is_not_closed_is_done_once_a_second);
     RUN_TEST(a_gap_found_closed_does_not_open_by_noise);
     return UNITY_END();
 }
