@@ -19,13 +19,11 @@ constexpr float kFloorOverEdgeM = 1.0F;       ///< a floor lies at most this muc
 constexpr float kStairwellM = 3.5F;           ///< from the middle of an opening to the ends of its stairs
 constexpr float kSameFloorM = 0.5F;
 constexpr float kStepsM = 1.2F;               ///< steps within a storey stay under this
-constexpr float kTurnBackM = 0.05F;           ///< less than this from hull to a side: back
 constexpr float kArrivedM = 0.10F;
 constexpr float kSlowM_S = 0.15F;
 constexpr float kStoodS = 0.4F;
 constexpr float kShiftTimeS = 30.0F;
 constexpr float kNoWayS = 5.0F;
-constexpr float kSurveyTimeS = 90.0F;
 constexpr float kLookTimeS = 12.0F;           ///< for one look
 constexpr float kLookedS = 0.75F;             ///< over there so long: what can be seen from there was seen
 constexpr float kLookAgainS = 0.25F;
@@ -307,7 +305,7 @@ void FloorPlanner::survey(const OccupancyGrid& grid, Explorer& explorer, const E
         stood_us_ = t_us_;
         there_us_ = way_us_ = -1;
     }
-    if (lasted(since_us_, kSurveyTimeS)) { refuse(Refusal::not_seen_round); }
+    if (lasted(since_us_, p_.floor_look_s)) { refuse(Refusal::not_seen_round); }
 }
 
 void FloorPlanner::centre(const OccupancyGrid& grid, Explorer& explorer, const Estimate& estimate, const Pose2<Map, Body>& from, Target& target) {
@@ -317,7 +315,7 @@ void FloorPlanner::centre(const OccupancyGrid& grid, Explorer& explorer, const E
                        std::hypot(planar.vx_m_s, planar.vy_m_s) < kSlowM_S;
     if (!there) {
         stood_us_ = -1;
-        if (passage_ < 0 && (lasted(way_us_, kNoWayS) || lasted(since_us_, kSurveyTimeS))) { refuse(Refusal::no_way); }
+        if (passage_ < 0 && (lasted(way_us_, kNoWayS) || lasted(since_us_, p_.floor_look_s))) { refuse(Refusal::no_way); }
         return;
     }
     if (stood_us_ < 0) { stood_us_ = t_us_; }
@@ -390,7 +388,7 @@ bool FloorPlanner::shift(const Estimate& estimate, Target& target) {
         looked_us_ = t_us_;
     }
     if (!turned_back_) {
-        const bool sides = nearest_side_m_ < p_.hull_radius_m + kTurnBackM;
+        const bool sides = nearest_side_m_ < p_.hull_radius_m + p_.floor_turn_back_m;
         const bool over = left_m > 0.2F && std::isfinite(a.ceiling_z_m) && a.ceiling_z_m < std::min(shift_z_m_, a.z_m + 0.5F) + half_m;
         const bool under = left_m < -0.2F && std::isfinite(a.ground_z_m) && a.ground_z_m > std::max(shift_z_m_, a.z_m - 0.5F) - half_m;
         if (sides || over || under || lasted(since_us_, kShiftTimeS) || lasted(looked_us_, kStallS)) { turn_back(); }

@@ -14,7 +14,6 @@ constexpr float kSlackM = 0.05F;          ///< places are known to half a cell
 constexpr float kRingShare = 0.95F;       ///< of the safety distance: there the look round goes
 constexpr float kRingMostM = 0.6F;        ///< a wide safety distance is not looked at all round
 constexpr float kBesideM = 0.35F;         ///< a place is tried if something beyond was seen this near
-constexpr float kSideRoomM = 0.15F;       ///< from hull to what the laser sees, at least: a tread just under the laser's plane reaches farther; more room leaves the looks too near to prove anything
 constexpr float kWideM = 1.0F;            ///< more room than this counts no more
 constexpr float kUnknownCostM = 0.10F;    ///< room that a spot not yet looked at is worth
 constexpr float kWayCost = 0.05F;
@@ -90,7 +89,7 @@ OpeningVerdict OpeningJudge::judge(const VerticalMap& map, const OccupancyGrid& 
                                    const VerticalSide side, const BeyondBand& beyond, const float seed_x_m, const float seed_y_m, const float from_x_m,
                                    const float from_y_m) {
     draw(map, floor, side, beyond, map.geometry().cell(seed_x_m, seed_y_m));
-    const auto need_cm = static_cast<std::int32_t>(100.0F * (p_.hull_radius_m + kSideRoomM));
+    const auto need_cm = static_cast<std::int32_t>(100.0F * (p_.hull_radius_m + p_.floor_side_m));
     const auto beside = static_cast<std::int32_t>(kBesideM / cell_m_);
     OpeningVerdict out;
     OpeningVerdict farther;   // where no place is clear: what is beside the part of the opening that was seen

@@ -15,8 +15,7 @@ constexpr std::int32_t kNearTiles = 1;        ///< tiles round the vehicle looke
 constexpr std::int32_t kFarTilesPerStep = 8;  ///< others, in turn
 constexpr std::int32_t kSide = 3 * kBlockCells;
 constexpr float kClosedM = 0.2F;              ///< radius of a closed place
-constexpr float kClosesM = 0.005F;             ///< lacking to hull and margin: a place that was open closes
-constexpr float kReopensM = 0.015F;            ///< and opens again with this much over them
+constexpr float kClosesM = 0.005F;            ///< lacking to hull and margin: a place that was open closes, and with plan_reopen_m over them it opens again
 constexpr std::int64_t kLenientEveryUs = 60000000;   ///< but now and then one look is enough: what was measured too narrow is not lost
 constexpr std::int64_t kLenientUs = 4000000;
 constexpr std::int64_t kAskedAgainUs = 1000000;      ///< while there is no way it is asked for at every step
@@ -361,7 +360,7 @@ void Traversability::compute(const OccupancyGrid& grid, const std::int32_t block
                 result = static_cast<std::uint8_t>(std::clamp<std::int32_t>(static_cast<std::int32_t>(std::lround(100.0F * room_m)), 1, kCapCm));
                 // A gap that opens and closes with the noise of hits draws the vehicle to and fro: what was found closed opens with more room only.
                 const std::int32_t before_cm = values[static_cast<std::size_t>(((y0 + j) & 63) * kTileCells + ((x0 + i) & 63))] & 0x7F;
-                const float more_m = before_cm == 0 ? 0.0F : before_cm >= need_cm_ ? -kClosesM : lenient_ ? kClosesM : kReopensM;
+                const float more_m = before_cm == 0 ? 0.0F : before_cm >= need_cm_ ? -kClosesM : lenient_ ? std::min(kClosesM, p_.plan_reopen_m) : p_.plan_reopen_m;
                 if (room_m >= need_m + more_m) {
                     result = std::max(result, static_cast<std::uint8_t>(need_cm_));
                 } else {

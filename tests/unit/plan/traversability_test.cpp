@@ -167,7 +167,7 @@ void look_between_posts(OccupancyGrid& grid, const double half_m) {
 }
 
 void a_gap_found_closed_does_not_open_by_noise() {
-    const Parameters p;   // hull 0.30 m and 0.06 m
+    Parameters p;   // hull 0.30 m and 0.06 m
     const auto grid = std::make_unique<OccupancyGrid>(p);
     const auto where = std::make_unique<Traversability>(p);
     std::int64_t now_us = 0;
@@ -193,6 +193,9 @@ void a_gap_found_closed_does_not_open_by_noise() {
     TEST_ASSERT_FALSE(later(0.352, 70'000'000));
     TEST_ASSERT_FALSE(later(0.372, 71'000'000));
     TEST_ASSERT_TRUE(later(0.395, 72'000'000));
+    TEST_ASSERT_FALSE(later(0.352, 73'000'000));
+    p.plan_reopen_m = 0.005F;
+    TEST_ASSERT_TRUE_MESSAGE(later(0.372, 74'000'000), "a laser with less noise");
 }
 
 }  // namespace
