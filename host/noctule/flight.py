@@ -29,6 +29,7 @@ POLICY_WAIT_S = 60.0         # wall time
 NOT_STARTED_S = 90.0         # simulated time after which a mission that has not armed is given up
 AFTER_LANDING_S = 5.0        # wall time that the simulator has to end by itself
 SILENCE_S = 60.0             # wall time without a step or an end after which a flight is given up
+FIRST_STEP_S = 300.0         # the same before the first step: rendering in software takes a minute to set up on a loaded machine
 CAMERA_PROBE = "import mujoco; c = mujoco.GLContext(32, 32); c.make_current(); c.free()"
 
 
@@ -413,9 +414,10 @@ class Flight:
                 dead_since = dead_since or now
                 if now - dead_since > SILENCE_S:
                     break
-            if now - max(follower.step_wall_s, dead_since or 0.0) > SILENCE_S:
-                self.died = self.died or f"no step for {SILENCE_S:g} s of wall time"
-                self.progress.say(f"no step for {SILENCE_S:g} s, giving up")
+            patience_s = FIRST_STEP_S if follower.nav is None and dead_since is None else SILENCE_S
+            if now - max(follower.step_wall_s, dead_since or 0.0) > patience_s:
+                self.died = self.died or f"no step for {patience_s:g} s of wall time"
+                self.progress.say(f"no step for {patience_s:g} s, giving up")
                 break
             if not station.was_armed and follower.time_s > NOT_STARTED_S:
                 self.progress.say(f"not armed after {NOT_STARTED_S:g} s, giving up")
