@@ -30,7 +30,8 @@ constexpr double kMeetOff_m = 0.30;
 constexpr std::int32_t kMeetPlaces = 4;
 constexpr double kMeetApart_rad = 0.04;      // lines that miss each other by more are not of one thing
 constexpr double kRefuteOff_m = 0.60;
-constexpr double kOpening_m = 1.5;           // from a place over an opening to what may still be in it
+constexpr double kOpening_m = 1.5;           // from a place over or under an opening to what may still be in it
+constexpr double kOverhead_m = 0.5;          // over the vehicle: what is seen through the ceiling shows above that only
 constexpr double kGroundApart_m = 0.2;
 constexpr double kAbsentStep_m = 0.15;
 constexpr std::int32_t kAbsent = 5;          // places from which it was not to be seen, and more than those from which it was
@@ -250,24 +251,41 @@ void ObjectMemory::fuse(KnownObject& object, const Observation& observation) {
     if (!object.confirmed && sure(object)) { object.confirmed = true; }
 }
 
-double ObjectMemory::nearest_m(const Grounds& grounds, const std::int32_t floor, const double x_m, const double y_m) {
-    double nearest = std::numeric_limits<double>::infinity();
+const ObjectMemory::Ground* ObjectMemory::nearest(const Grounds& grounds, const std::int32_t floor, const double x_m, const double y_m, double& distance_m) {
+    const Ground* found = nullptr;
+    distance_m = std::numeric_limits<double>::infinity();
     for (const Ground& g : grounds) {
-        if (g.floor == floor) { nearest = std::min(nearest, std::hypot(static_cast<double>(g.x_m) - x_m, static_cast<double>(g.y_m) - y_m)); }
+        if (g.floor != floor) { continue; }
+        const double away = std::hypot(static_cast<double>(g.x_m) - x_m, static_cast<double>(g.y_m) - y_m);
+        if (away < distance_m) {
+            distance_m = away;
+            found = &g;
+        }
     }
-    return nearest;
+    return found;
 }
 
-void ObjectMemory::note_ground(const std::int32_t floor, const double x_m, const double y_m, const bool open) {
-    Grounds& grounds = open ? open_ : solid_;
-    if (nearest_m(grounds, floor, x_m, y_m) < kGroundApart_m) { return; }
+void ObjectMemory::note(Openings& openings, const std::int32_t floor, const double x_m, const double y_m, const double z_m, const bool open) {
+    Grounds& grounds = open ? openings.open : openings.solid;
+    double away = 0.0;
+    static_cast<void>(nearest(grounds, floor, x_m, y_m, away));
+    if (away < kGroundApart_m) { return; }
     if (grounds.full()) { grounds.drop_front(1); }
-    static_cast<void>(grounds.push({floor, static_cast<float>(x_m), static_cast<float>(y_m)}));
+    static_cast<void>(grounds.push({floor, static_cast<float>(x_m), static_cast<float>(y_m), static_cast<float>(z_m)}));
 }
 
-bool ObjectMemory::over_opening(const KnownObject& object) const {
-    const double open_m = nearest_m(open_, object.floor, object.x_m, object.y_m);
-    return open_m < kOpening_m && open_m < nearest_m(solid_, object.floor, object.x_m, object.y_m);
+const ObjectMemory::Ground* ObjectMemory::opening_at(const Openings& openings, const KnownObject& object) {
+    double open_m = 0.0;
+    double solid_m = 0.0;
+    const Ground* const found = nearest(openings.open, object.floor, object.x_m, object.y_m, open_m);
+    static_cast<void>(nearest(openings.solid, object.floor, object.x_m, object.y_m, solid_m));
+    return open_m < kOpening_m && open_m < solid_m ? found : nullptr;
+}
+
+bool ObjectMemory::through_opening(const KnownObject& object) const {
+    if (opening_at(ground_, object) != nullptr) { return true; }
+    const Ground* const under = opening_at(ceiling_, object);
+    return under != nullptr && object.z_m - 0.5 * object.height_m > static_cast<double>(under->z_m) + kOverhead_m;
 }
 
 bool ObjectMemory::sure(const KnownObject& object) const {
@@ -277,13 +295,13 @@ bool ObjectMemory::sure(const KnownObject& object) const {
     if (object.ranged >= kConfirmRanged) { return true; }
     // Its range rests on an assumption, that it stands on this floor or hangs on that wall: the lines of sight must agree, equation (28).
     Parallax::Meeting m;
-    if (over_opening(object) || !object.parallax.meet(m) || object.parallax.places() < kMeetPlaces || m.sigma_m > kMeetSigma_m || m.apart_rad > kMeetApart_rad) { return false; }
+    if (through_opening(object) || !object.parallax.meet(m) || object.parallax.places() < kMeetPlaces || m.sigma_m > kMeetSigma_m || m.apart_rad > kMeetApart_rad) { return false; }
     return away_m(m.point_m, object) < kMeetOff_m + m.sigma_m;
 }
 
 bool ObjectMemory::refuted(const KnownObject& object) const {
     if (object.ranged >= kConfirmRanged) { return false; }
-    if (over_opening(object)) { return true; }
+    if (through_opening(object)) { return true; }
     if (object.absent >= kAbsent && object.absent > object.parallax.places()) { return true; }
     Parallax::Meeting m;
     if (!object.parallax.meet(m) || m.sigma_m > kMeetSigma_m) { return false; }

@@ -124,7 +124,9 @@ public:
 
     /// What lay under the vehicle there: that floor, or, through an opening in it, the storey below (open). What seems to stand where the nearest such place
     /// is open is a thing of that storey, unless the laser ranged it. More than kMaxGround places of a kind: the first are forgotten.
-    void note_ground(std::int32_t floor, double x_m, double y_m, bool open);
+    void note_ground(std::int32_t floor, double x_m, double y_m, bool open) { note(ground_, floor, x_m, y_m, 0.0, open); }
+    /// The same of what lay over the vehicle, at height z_m: what seems to hang wholly over it where the nearest such place is open is a thing of the storey above.
+    void note_ceiling(std::int32_t floor, double x_m, double y_m, double z_m, bool open) { note(ceiling_, floor, x_m, y_m, z_m, open); }
 
     /// After the observations of a frame: joins what turned out to be one, drops candidates that stayed alone.
     /// The indices that enter() returned no longer hold.
@@ -153,7 +155,8 @@ private:
     void fuse(KnownObject& object, const Observation& observation);
     void keep_view(KnownObject& object, const Observation& observation);
     void solve(KnownObject& object) const;
-    [[nodiscard]] bool over_opening(const KnownObject& object) const;
+    /// True: it is seen through an opening in the floor or in the ceiling.
+    [[nodiscard]] bool through_opening(const KnownObject& object) const;
     [[nodiscard]] bool sure(const KnownObject& object) const;
     [[nodiscard]] bool refuted(const KnownObject& object) const;
     [[nodiscard]] bool same(const KnownObject& a, const KnownObject& b) const;
@@ -161,17 +164,28 @@ private:
     void remove(std::size_t index, std::int64_t into);
     [[nodiscard]] int reunite(std::size_t candidate);
 
+    /// A place of the vehicle.
     struct Ground {
         std::int32_t floor = 0;
         float x_m = 0.0F;
         float y_m = 0.0F;
+        float z_m = 0.0F;
     };
     static constexpr std::size_t kMaxGround = 2048;
     using Grounds = Bounded<Ground, kMaxGround>;
-    [[nodiscard]] static double nearest_m(const Grounds& grounds, std::int32_t floor, double x_m, double y_m);
+    /// Places with an opening under (or over) them, and without.
+    struct Openings {
+        Grounds open;
+        Grounds solid;
+    };
+    static void note(Openings& openings, std::int32_t floor, double x_m, double y_m, double z_m, bool open);
+    /// Null: none on that floor.
+    [[nodiscard]] static const Ground* nearest(const Grounds& grounds, std::int32_t floor, double x_m, double y_m, double& distance_m);
+    /// The open place beside the object, if no place without opening is nearer; else null.
+    [[nodiscard]] static const Ground* opening_at(const Openings& openings, const KnownObject& object);
     Objects objects_;
-    Grounds open_;
-    Grounds solid_;
+    Openings ground_;
+    Openings ceiling_;
     Bounded<Removal, 2 * kMaxObjects> removals_;
     MemoryCounters counters_;
     SurfMatches matches_;

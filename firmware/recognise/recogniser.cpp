@@ -10,6 +10,7 @@ namespace {
 
 constexpr double kLevel_m = 0.04;  // change of height between two frames
 constexpr double kStorey_m = 1.0;  // under the floor, at least
+constexpr double kAbove_m = 1.8;   // over the lowest ceiling of the floor, at least: a slab and the room over it
 constexpr double kNear_px = 8.0;   // a region this close to where an object should show may be it
 
 }  // namespace
@@ -106,7 +107,7 @@ void Recogniser::enter(const cv::Mat& image, const std::int64_t t_us) {
         static_cast<void>(sightings_.push({part.region, static_cast<std::int32_t>(seen.features.size()), ids[n], part.place}));
         ++n;
     }
-    watch_ground(pose);
+    watch_openings(pose);
     look_for_absent(pose.floor);
     memory_.tidy(t_us);
     if (store_.is_open()) { static_cast<void>(store_.commit(memory_, image, t_us)); }
@@ -119,9 +120,16 @@ void Recogniser::enter(const cv::Mat& image, const std::int64_t t_us) {
 }
 
 // In level flight only: in a shaft the height over the ground grows, too.
-void Recogniser::watch_ground(const VehiclePose& pose) {
-    if (last_pose_.t_us > 0 && pose.floor == last_pose_.floor && pose.floor >= 0 && std::fabs(pose.z_m - last_pose_.z_m) < kLevel_m && std::isfinite(pose.ground_z_m)) {
-        memory_.note_ground(pose.floor, pose.x_m, pose.y_m, pose.z_m - pose.ground_z_m > static_cast<double>(p_.cruise_height_m) + kStorey_m);
+void Recogniser::watch_openings(const VehiclePose& pose) {
+    if (last_pose_.t_us > 0 && pose.floor == last_pose_.floor && pose.floor >= 0 && std::fabs(pose.z_m - last_pose_.z_m) < kLevel_m) {
+        if (std::isfinite(pose.ground_z_m)) {
+            memory_.note_ground(pose.floor, pose.x_m, pose.y_m, pose.z_m - pose.ground_z_m > static_cast<double>(p_.cruise_height_m) + kStorey_m);
+        }
+        if (std::isfinite(pose.ceiling_z_m) && pose.floor < static_cast<std::int32_t>(kMaxFloors)) {
+            double& lowest_m = lowest_ceiling_m_[static_cast<std::size_t>(pose.floor)];
+            lowest_m = std::min(lowest_m, pose.ceiling_z_m);
+            memory_.note_ceiling(pose.floor, pose.x_m, pose.y_m, pose.z_m, pose.ceiling_z_m > lowest_m + kAbove_m);
+        }
     }
     last_pose_ = pose;
 }

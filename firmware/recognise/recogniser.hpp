@@ -6,8 +6,10 @@
 
 #include <array>
 #include <cstdint>
+#include <limits>
 #include <span>
 
+#include "core/capacity.hpp"
 #include "params.gen.hpp"
 #include "recognise/camera_model.hpp"
 #include "recognise/object_memory.hpp"
@@ -37,7 +39,7 @@ public:
     using Sightings = Bounded<Sighting, kMaxRegions>;
 
     /// Keeps the reference; parameters may change between two frames.
-    explicit Recogniser(const Parameters& parameters) : p_(parameters) {}
+    explicit Recogniser(const Parameters& parameters) : p_(parameters) { lowest_ceiling_m_.fill(std::numeric_limits<double>::infinity()); }
 
     /// Regions and features alone. bgr: height x width x 3 bytes, row-major, blue green red; bytes is what is there. The pixels are only read.
     const Sightings& process(const std::uint8_t* bgr, std::size_t bytes, int width, int height);
@@ -68,8 +70,9 @@ private:
     Placer placer_;
     Parts parts_;
     Bounded<SurfFeature, kMaxSurfFeatures> inside_;
-    void watch_ground(const VehiclePose& pose);
+    void watch_openings(const VehiclePose& pose);
     VehiclePose last_pose_;            ///< of the frame before; t_us 0: none
+    std::array<double, kFloorSlots> lowest_ceiling_m_{};   ///< over the vehicle, of each floor; infinite: none seen yet
     ObjectMemory memory_;
     ObjectStore store_;
     Sightings sightings_;

@@ -381,6 +381,29 @@ void what_seems_to_stand_in_an_opening_is_taken_back() {
     }
 }
 
+void what_shows_through_an_opening_in_the_ceiling_is_taken_back() {
+    struct Case { std::int32_t floor; double open_x_m; double solid_x_m; double z_m; bool believed; };
+    // Over the vehicle beside the opening, the same beside one of another floor, nearer to where there is a ceiling, and as low as the vehicle.
+    for (const Case& c : {Case{0, 4.5, 6.0, 2.1, false}, {1, 4.5, 6.0, 2.1, true}, {0, 4.6, 3.6, 2.1, true}, {0, 4.5, 6.0, 1.4, true}}) {
+        const auto memory = std::make_unique<ObjectMemory>();
+        for (int k = 0; k < 46; ++k) {
+            if (k == 40) {
+                TEST_ASSERT_EQUAL_INT(1, memory->confirmed());
+                memory->note_ceiling(c.floor, c.open_x_m, 0.5, 1.0, true);
+                memory->note_ceiling(0, c.solid_x_m, 0.5, 1.0, false);
+            }
+            Observation o = taken_for_standing({4.0, 0.5, 0.3}, 0.06 * k, -0.3 + 0.02 * k, k);   // the lower side hidden: its range is that of the wall it hangs on
+            Placement& p = o.part.place;
+            p.source = RangeSource::wall;
+            p.z_m = c.z_m;
+            p.slope = (p.z_m - p.eye_m[2]) / p.distance_m;
+            static_cast<void>(memory->enter(o));
+            memory->tidy(200000 * k);
+        }
+        TEST_ASSERT_EQUAL_INT(c.believed ? 1 : 0, memory->confirmed());
+    }
+}
+
 void object_that_was_seen_from_one_place_alone_is_not_sure() {
     const auto memory = std::make_unique<ObjectMemory>();
     for (int k = 0; k < 40; ++k) { static_cast<void>(memory->enter(taken_for_standing({3.0, 0.5, 0.3}, 0.001 * k, 0.0, k))); }
@@ -434,6 +457,7 @@ int main() {
     RUN_TEST(what_the_lower_border_cuts_stands_before_where_its_ray_meets_the_floor);
     RUN_TEST(what_shows_through_an_opening_in_the_floor_is_not_believed);
     RUN_TEST(what_seems_to_stand_in_an_opening_is_taken_back);
+    RUN_TEST(what_shows_through_an_opening_in_the_ceiling_is_taken_back);
     RUN_TEST(object_that_was_seen_from_one_place_alone_is_not_sure);
     RUN_TEST(lines_of_sight_meet_where_the_thing_is);
     RUN_TEST(identical_objects_at_two_places_stay_two_and_one_stays_one);
