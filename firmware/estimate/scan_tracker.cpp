@@ -22,7 +22,7 @@ constexpr float kOtherModel = 2.0F;        // cost of not believing it
 constexpr float kMatchFloor_m = 0.01F;
 constexpr float kMatchFloor_rad = 0.002F;
 constexpr float kImpossible = 8.0F;        // times the covariance in place that a match may lie outside of an inertial prediction: 5 sigma
-constexpr std::int32_t kMostRefused = 20;  // sweeps in a row: then the match is believed; a second at 20 Hz
+constexpr std::int64_t kRefusedUs = 1000000;  // after so long of nothing else the match is believed
 
 }  // namespace
 
@@ -78,14 +78,15 @@ const ScanFit& ScanTracker::match(const Pose2<Map, Body>& predicted, const Matri
             }
         }
     }
-    if (sure_motion && fit_.match.valid && fit_.prior_scale.place > kImpossible && refused_ < kMostRefused) {
-        ++refused_;
+    const bool impossible = sure_motion && fit_.match.valid && fit_.prior_scale.place > kImpossible;
+    if (impossible && refused_from_us_ < 0) { refused_from_us_ = t_us_; }
+    if (impossible && t_us_ - refused_from_us_ < kRefusedUs) {
         fit_.match.valid = false;
         fit_.pose = predicted;
         fit_.prior_scale = {};
         return fit_;
     }
-    refused_ = 0;
+    refused_from_us_ = -1;
     usual_share_ += kShareGain * (fit_.share - usual_share_);
     last_scale_ = fit_.prior_scale.place;
     if (fit_.share < kGoodShare) { ++counters_.poor; }
@@ -108,6 +109,7 @@ const ScanFit& ScanTracker::match(const Pose2<Map, Body>& predicted, const Matri
 void ScanTracker::clear() {
     frames_.clear();
     map_.start(0.0F, 0.0F);
+    refused_from_us_ = -1;
 }
 
 void ScanTracker::begin_epoch() {
@@ -120,6 +122,7 @@ void ScanTracker::relocate(const Relocation& relocation) {
     first_epoch_ = 0;
     last_pose_ = relocation.correction * last_pose_;
     fill(last_pose_);
+    refused_from_us_ = -1;
 }
 
 void ScanTracker::fill(const Pose2<Map, Body>& pose) {

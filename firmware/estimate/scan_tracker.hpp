@@ -58,7 +58,7 @@ private:
     std::int64_t t_us_ = 0;
     float last_scale_ = 1.0F;
     float usual_share_ = 0.6F;
-    std::int32_t refused_ = 0;            ///< matches in a row
+    std::int64_t refused_from_us_ = -1;   ///< since then every match was refused; -1: the last one was not
     std::uint16_t epoch_ = 0;
     std::uint16_t first_epoch_ = 0;       ///< keyframes of earlier ones are left out
     [[nodiscard]] Pose2<Map, Body> as_before() const;

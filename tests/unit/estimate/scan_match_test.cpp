@@ -87,23 +87,56 @@ void test_a_prediction_far_off_is_searched_round() {
     TEST_ASSERT_FLOAT_WITHIN(0.01F, truth.yaw_rad, fit.match.pose.yaw_rad);
 }
 
-void test_a_match_that_an_inertial_prediction_rules_out_is_believed_after_a_second_only() {
-    Random random(8);
-    const auto tracker = taught(random);
-    const Pose2<Map, Body> truth{0.2F, 0.15F, 0.3F};
-    const Pose2<Map, Body> off{truth.x_m + 0.15F, truth.y_m, truth.yaw_rad};
-    const auto matched = [&](const bool sure_motion, const Pose2<Map, Body>& predicted) {
-        tracker->take(sweep(truth, random, 0.01F));
+/// Sweeps from one place at a rate, with a prediction that is right or 15 cm off.
+struct Refusal {
+    Random random{8};
+    std::unique_ptr<ScanTracker> tracker = taught(random);
+    Pose2<Map, Body> truth{0.2F, 0.15F, 0.3F};
+    Pose2<Map, Body> off{truth.x_m + 0.15F, truth.y_m, truth.yaw_rad};
+    std::int64_t t_us = 1000000;
+    std::int64_t period_us = 50000;
+
+    bool matched(const bool sure_motion, const Pose2<Map, Body>& predicted) {
+        LevelScan scan = sweep(truth, random, 0.01F);
+        scan.t_us = t_us += period_us;
+        tracker->take(scan);
         return tracker->match(predicted, covariance(0.008F, 0.002F), sure_motion).match.valid;
+    }
+    int refused_in_a_row() {
+        int refused = 0;
+        while (refused < 100 && !matched(true, off)) { ++refused; }
+        return refused;
+    }
+};
+
+void test_a_match_that_an_inertial_prediction_rules_out_is_believed_after_a_second_only() {
+    Refusal r;
+    TEST_ASSERT_TRUE(r.matched(false, r.off));          // a wheel may slip
+    TEST_ASSERT_EQUAL(20, r.refused_in_a_row());
+    TEST_ASSERT_FLOAT_WITHIN(0.03F, r.truth.x_m, r.tracker->fit().match.pose.x_m);
+    TEST_ASSERT_TRUE(r.matched(true, r.truth));
+    TEST_ASSERT_FALSE(r.matched(true, r.off));          // counted anew
+    TEST_ASSERT_EQUAL_FLOAT(r.off.x_m, r.tracker->fit().pose.x_m);
+    TEST_ASSERT_TRUE(r.matched(true, r.truth));
+    r.period_us = 25000;                                // 40 Hz: a second all the same
+    TEST_ASSERT_EQUAL(40, r.refused_in_a_row());
+}
+
+void test_what_was_refused_before_the_map_was_corrected_or_left_does_not_count() {
+    const auto again = [](auto&& changed) {
+        Refusal r;
+        for (int k = 0; k < 15; ++k) { TEST_ASSERT_FALSE(r.matched(true, r.off)); }
+        changed(r);
+        TEST_ASSERT_EQUAL(20, r.refused_in_a_row());
     };
-    TEST_ASSERT_TRUE(matched(false, off));          // a wheel may slip
-    int refused = 0;
-    while (refused < 100 && !matched(true, off)) { ++refused; }
-    TEST_ASSERT_EQUAL(20, refused);
-    TEST_ASSERT_FLOAT_WITHIN(0.03F, truth.x_m, tracker->fit().match.pose.x_m);
-    TEST_ASSERT_TRUE(matched(true, truth));
-    TEST_ASSERT_FALSE(matched(true, off));          // counted anew
-    TEST_ASSERT_EQUAL_FLOAT(off.x_m, tracker->fit().pose.x_m);
+    again([](Refusal& r) { r.tracker->relocate({}); });
+    again([](Refusal& r) {
+        r.tracker->clear();
+        LevelScan scan = sweep(r.truth, r.random, 0.01F);
+        scan.t_us = r.t_us += r.period_us;
+        r.tracker->take(scan);
+        r.tracker->keep(r.truth, {});
+    });
 }
 
 void test_between_two_parallel_walls_nothing_is_said_along_them() {
@@ -202,6 +235,7 @@ int main() {
     RUN_TEST(test_a_prediction_a_little_off_is_put_right);
     RUN_TEST(test_a_prediction_far_off_is_searched_round);
     RUN_TEST(test_a_match_that_an_inertial_prediction_rules_out_is_believed_after_a_second_only);
+    RUN_TEST(test_what_was_refused_before_the_map_was_corrected_or_left_does_not_count);
     RUN_TEST(test_between_two_parallel_walls_nothing_is_said_along_them);
     RUN_TEST(test_an_empty_map_and_an_empty_sweep_give_no_match);
     RUN_TEST(test_a_full_pool_gives_up_the_most_crowded_keyframe);
