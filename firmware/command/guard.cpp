@@ -229,7 +229,8 @@ bool Guard::keep_clear(const Estimate& estimate, const float dt_s) {
 }
 
 // What the vehicle does, not what it was told: as it moves now, it goes on for kAnswerS and then brakes. Where that leads nearer to a
-// hit point than the least margin, the setpoint loses the velocity towards it, and is drawn back as far as the vehicle is too fast.
+// hit point than the least margin, the setpoint loses velocity along the motion, and is drawn back along it as far as the vehicle is too fast: aside
+// it would push the vehicle against the other side of a gap.
 bool Guard::brake(const Estimate& estimate) {
     const Pose2<Map, Body>& pose = estimate.planar.pose_map_body;
     const float vx = estimate.planar.vx_m_s;
@@ -244,8 +245,7 @@ bool Guard::brake(const Estimate& estimate) {
     float held_share = 0.0F;
     float may_m_s = 0.0F;
     float over_m_s = 0.0F;
-    float nx = 0.0F;
-    float ny = 0.0F;
+    float cosine = 0.0F;
     for (const Near& n : near_) {
         const float rx = n.x_m - pose.x_m;
         const float ry = n.y_m - pose.y_m;
@@ -259,29 +259,28 @@ bool Guard::brake(const Estimate& estimate) {
         const float allowed = stops_from_m_s(p_, way_m);
         // Along the line to the point, of which the motion has this share.
         const float r = std::max(std::hypot(rx, ry), 1e-3F);
-        const float cosine = along / r;
-        const float excess = (speed - kGentleShare * allowed) * cosine;
+        const float share = along / r;
+        const float excess = (speed - kGentleShare * allowed) * share;
         if (excess > worst) {
             worst = excess;
             held_share = speed < allowed ? (speed - kGentleShare * allowed) / ((1.0F - kGentleShare) * allowed) : 1.0F;
-            may_m_s = (1.0F - held_share) * allowed * cosine;
-            over_m_s = std::max(0.0F, speed - allowed) * cosine;
-            nx = rx / r;
-            ny = ry / r;
+            may_m_s = (1.0F - held_share) * allowed * share;
+            over_m_s = std::max(0.0F, speed - allowed) * share;
+            cosine = share;
         }
     }
     if (worst <= 0.0F) { return false; }
     // Stopped at once it swings, beside the very thing: it is slowed before, the more the nearer it is to what it could not stop from.
-    const float here = (out_.x_m - pose.x_m) * nx + (out_.y_m - pose.y_m) * ny;
+    const float here = ((out_.x_m - pose.x_m) * ux + (out_.y_m - pose.y_m) * uy) * cosine;
     const float back = held_share * (here + kTurnBackS * over_m_s);
     if (back > 0.0F) {
-        draw_x_m_ -= back * nx;
-        draw_y_m_ -= back * ny;
+        draw_x_m_ -= back * ux;
+        draw_y_m_ -= back * uy;
     }
-    const float towards = out_.vx_m_s * nx + out_.vy_m_s * ny;
+    const float towards = (out_.vx_m_s * ux + out_.vy_m_s * uy) * cosine;
     if (towards > may_m_s) {
-        out_.vx_m_s -= (towards - may_m_s) * nx;
-        out_.vy_m_s -= (towards - may_m_s) * ny;
+        out_.vx_m_s -= (towards - may_m_s) * ux;
+        out_.vy_m_s -= (towards - may_m_s) * uy;
     }
     return true;
 }

@@ -21,9 +21,8 @@ constexpr float kVelocityTimeS = 0.2F;   ///< in which the velocity wanted is re
 constexpr float kAheadM = 0.12F;         ///< least distance at which the path is aimed at
 constexpr float kAheadS = 0.20F;         ///< and more with speed
 constexpr std::size_t kCurveSpan = 3;    ///< points before and after over which the path's curve is measured
-constexpr float kUnheldShare = 0.8F;      ///< of the speed from which the guard would stop the vehicle
-constexpr float kTightM = 0.10F;          ///< hull to obstacle: nearer than this everything is slower still, in proportion
-constexpr float kTightSlowest = 0.5F;     ///< share of the speed at least, and of the least speed where the way straight on is short
+constexpr float kUnheldShare = 0.75F;      ///< of the speed from which the guard would stop the vehicle
+constexpr float kSlowest = 0.4F;          ///< share of the least speed at least where the way straight on is short
 constexpr float kDoneM = 0.01F;
 constexpr float kHeightTimeS = 0.5F;
 constexpr float kHeightAheadM = 0.35F;   ///< of the reference over or under the estimate, at most
@@ -35,7 +34,8 @@ constexpr float kTakesEffectS = 0.03F;   ///< from a scan to the moment in which
 constexpr float kMostFeedbackM_S = 0.25F;
 constexpr float kExpectedStrayM = 0.02F; ///< what a vehicle may stray without being slowed down for it
 constexpr float kStrayLeastM = 0.025F;   ///< off the reference by this much it is waited for, however narrow the place
-constexpr float kAsideLeastM = 0.015F;   ///< beside the line by this much, too
+constexpr float kAsideLeastM = 0.010F;   ///< beside the line by this much, too,
+constexpr float kAsideShare = 0.15F;     ///< or by this share of the room to the sides
 constexpr float kStraySlowest = 0.15F;   ///< share of the speed left then
 
 float clamp_step(const float from, const float to, const float step) { return from + std::clamp(to - from, -step, step); }
@@ -85,14 +85,14 @@ float Reference::allowed_speed_m_s(const Target& target) const {
         if (k + 1U < path.size()) {
             const float ds = std::hypot(path[k + 1U].x_m - path[k].x_m, path[k + 1U].y_m - path[k].y_m);
             const float room = std::clamp((path[k].clearance_m - p_.hull_radius_m) / (kOpenM - p_.hull_radius_m), 0.0F, 1.0F);
-            const float share = kBrakeShare + (kOpenBrakeShare - kBrakeShare) * room;
+            const float share = (kBrakeShare + (kOpenBrakeShare - kBrakeShare) * room) * tight_share(p_, path[k].clearance_m);
             speed = std::sqrt(speed * speed + 2.0F * share * p_.accel_max_m_s2 * ds);
         }
         // Equation (7): what the vehicle strays is not there to fly in.
         const float stray_m = std::max(0.0F, response_.strays_m() - kExpectedStrayM);
         float limit = speed_at_clearance_m_s(p_, path[k].clearance_m - stray_m);
-        limit *= std::clamp((path[k].clearance_m - p_.hull_radius_m) / kTightM, kTightSlowest, 1.0F);
-        limit = std::min(limit, std::max(kTightSlowest * p_.speed_near_m_s, kUnheldShare * stops_from_m_s(p_, path[k].way_m - stray_m)));
+        limit *= tight_share(p_, path[k].clearance_m);
+        limit = std::min(limit, std::max(kSlowest * p_.speed_near_m_s, kUnheldShare * stops_from_m_s(p_, path[k].way_m - stray_m)));
         if (k >= kCurveSpan && k + kCurveSpan < path.size()) {
             const PathPoint& a = path[k - kCurveSpan];
             const PathPoint& b = path[k];
@@ -103,7 +103,7 @@ float Reference::allowed_speed_m_s(const Target& target) const {
                 const float turn = std::fabs(wrap_angle(std::atan2(c.y_m - b.y_m, c.x_m - b.x_m) - std::atan2(b.y_m - a.y_m, b.x_m - a.x_m)));
                 const float curvature_per_m = 2.0F * turn / (in + out);
                 const float room = std::clamp((path[k].clearance_m - p_.hull_radius_m) / (kOpenM - p_.hull_radius_m), 0.0F, 1.0F);
-                const float share = kCurveShare + (kOpenCurveShare - kCurveShare) * room;
+                const float share = (kCurveShare + (kOpenCurveShare - kCurveShare) * room) * tight_share(p_, path[k].clearance_m);
                 limit = std::min(limit, std::sqrt(share * p_.accel_max_m_s2 / std::max(curvature_per_m, 1e-3F)));
             }
         }
@@ -128,7 +128,7 @@ float Reference::least_ahead_m(const Target& target) {
 float Reference::patience(const Target& target, const float ux, const float uy) const {
     const float room_m = least_ahead_m(target) - p_.hull_radius_m;
     const float off = std::hypot(short_x_m_, short_y_m_) / std::max(kStrayLeastM, 0.5F * room_m);
-    const float aside = std::fabs(short_x_m_ * uy - short_y_m_ * ux) / std::max(kAsideLeastM, 0.25F * room_m);
+    const float aside = std::fabs(short_x_m_ * uy - short_y_m_ * ux) / std::max(kAsideLeastM, kAsideShare * room_m);
     return std::clamp(2.0F - std::max(off, aside), kStraySlowest, 1.0F);
 }
 

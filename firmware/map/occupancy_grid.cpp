@@ -24,13 +24,11 @@ constexpr float kTrend = 1.5F;                 ///< a wall's ranges grow faster 
 constexpr float kTrendSlackM = 0.05F;          ///< for noise
 constexpr std::int32_t kGapBeams = 3;          ///< beams missing between two neighbours of a sweep
 constexpr std::int64_t kRepublishUs = 2000000; ///< scans between publications of a tile whose classes stand still
-constexpr std::int8_t kNeverHit = -128;        ///< in hit_x: no beam ended in the cell since it was last sure to be free
 constexpr std::uint32_t kCameraEvery = 4;      ///< a power of two: 20 sweeps and 5 images a second
 constexpr std::uint32_t kRefreshScans = 128;   ///< a power of two
 constexpr float kGain = 0.25F;                ///< by which the mean hit of a cell follows a facet
 constexpr float kSureGain = 0.06F;            ///< the same where the cell is all but sure and the ends are scattered
 constexpr std::size_t kDenseSide = 2;          ///< beams over which the ends are averaged to either side, from where what protrudes stands out of the noise
-constexpr float kProtrudesM = 0.008F;          ///< more than averaged noise
 constexpr std::int32_t kGeometryStep = 10;     ///< move of a mean hit (1/256 cell) that makes clearances stale
 
 std::size_t hash_of(const std::int32_t tile_x, const std::int32_t tile_y, const std::int32_t floor) {
@@ -168,40 +166,6 @@ void OccupancyGrid::touch(const CellId id, const CellClass before) {
     std::int32_t& known = known_cells_[static_cast<std::size_t>(t.floor)];
     if (before == CellClass::unknown) { ++known; }
     if (after == CellClass::unknown) { --known; }
-}
-
-// The point that a facet shows: the mean of its ends, but where the surface protrudes towards the vehicle (a corner, the end of a wall, a thin leg)
-// its foremost point; averaged back it would seem up to 3 cm farther than it is. docs/maths/grid.md, "hits finer than cells".
-Point2<Map> OccupancyGrid::Facet::point(const float protrudes_cells) const {
-    Point2<Map> mean{};
-    for (const Point2<Map>& e : ends) {
-        mean.x_m += e.x_m;
-        mean.y_m += e.y_m;
-    }
-    const auto n = static_cast<float>(ends.size());
-    mean = {mean.x_m / n, mean.y_m / n};
-    if (!dense) { return mean; }
-    // Of the chord between both ends: how far towards the vehicle.
-    const Point2<Map>& first = ends[0];
-    const float dx = ends.back().x_m - first.x_m;
-    const float dy = ends.back().y_m - first.y_m;
-    const auto across = [&](const Point2<Map>& p) { return dx * (p.y_m - first.y_m) - dy * (p.x_m - first.x_m); };
-    const float toward = across(origin) < 0.0F ? -1.0F : 1.0F;
-    float most = protrudes_cells * std::hypot(dx, dy);
-    Point2<Map> shown = mean;
-    for (const Point2<Map>& e : ends) {
-        const float out = toward * across(e);
-        if (out <= most) { continue; }
-        most = out;
-        shown = e;
-    }
-    return shown;
-}
-
-void OccupancyGrid::enter(const Facet& facet) {
-    if (facet.id == kNoCell || facet.ends.empty()) { return; }
-    const Point2<Map> p = facet.point(geometry_.to_cells(kProtrudesM));
-    hit(facet.id, p.x_m, p.y_m, facet.dense);
 }
 
 // Section G, "occupied": the cell in which the beams of a facet end. The mean hit follows the facets, with a gain that falls as the cell
@@ -370,16 +334,32 @@ void OccupancyGrid::integrate(const Estimate& estimate, const LevelScan& scan) {
     const auto end = [&](const ScanPoint& p) {
         return Point2<Map>{geometry_.to_cells(pose.x_m + c * p.x_m - s * p.y_m), geometry_.to_cells(pose.y_m + s * p.x_m + c * p.y_m)};
     };
-    // Hits first: a cell in which any beam of the sweep ended is not cleared by its neighbours in the same sweep.
+    const auto mean_end = [&](const std::size_t k, const float mean_m) {
+        const ScanPoint& p = scan.points[k];
+        const Point2<Map> o = origin(p);
+        const Point2<Map> raw = end(p);
+        const float share = mean_m / std::max(p.range_m, 1e-3F);
+        return Point2<Map>{o.x_m + share * (raw.x_m - o.x_m), o.y_m + share * (raw.y_m - o.y_m)};
+    };
     Facet facet;
+    std::size_t first = 0;
+    std::size_t last = 0;
+    const auto finish = [&]() {
+        if (facet.dense) {
+            const std::size_t before = beyond(scan, first, false);
+            const std::size_t after = beyond(scan, last, true);
+            facet.before = mean_end(before, mean_range(scan, before).range_m);
+            facet.after = mean_end(after, mean_range(scan, after).range_m);
+        }
+        enter(facet);
+    };
+    // Hits first: a cell in which any beam of the sweep ended is not cleared by its neighbours in the same sweep.
     for (std::size_t k = 0; k < scan.points.size(); ++k) {
         const ScanPoint& p = scan.points[k];
         if (!p.hit) { continue; }
         const Point2<Map> o = origin(p);
         const MeanRange mean = mean_range(scan, k);
-        const float share = mean.range_m / std::max(p.range_m, 1e-3F);
-        const Point2<Map> raw = end(p);
-        const Point2<Map> e{o.x_m + share * (raw.x_m - o.x_m), o.y_m + share * (raw.y_m - o.y_m)};
+        const Point2<Map> e = mean_end(k, mean.range_m);
         const float length = length_of(e.x_m - o.x_m, e.y_m - o.y_m);
         if (!(length <= range_max)) { continue; }  // too far, or not a number
         ++counters_.beams_used;
@@ -392,16 +372,18 @@ void OccupancyGrid::integrate(const Estimate& estimate, const LevelScan& scan) {
             const bool other_height = p.z_m > kHitBandM && cell_class(id) == CellClass::free;
             if (id == kNoCell || other_height) { continue; }
             if (id != facet.id || facet.ends.full()) {
-                enter(facet);
+                finish();
+                first = k;
                 facet.id = id;
                 facet.origin = o;
                 facet.dense = mean.side >= kDenseSide;
                 facet.ends.clear();
             }
             static_cast<void>(facet.ends.push(e));
+            last = k;
         }
     }
-    enter(facet);
+    finish();
     for (std::size_t k = 0; k < scan.points.size(); ++k) {
         const ScanPoint& p = scan.points[k];
         const Point2<Map> o = origin(p);

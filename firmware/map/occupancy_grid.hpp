@@ -160,6 +160,7 @@ public:
 
 private:
     static constexpr float kOffsetUnits = 256.0F;   ///< hit offsets per cell edge
+    static constexpr std::int8_t kNeverHit = -128;  ///< in hit_x: no beam ended in the cell since it was last sure to be free
     static constexpr std::uint64_t kEach = 0x0101010101010101ULL;
     static constexpr std::uint64_t kSigns = kEach << 7U;
     /// Bit k: the sign of byte k.
@@ -189,8 +190,12 @@ private:
         Point2<Map> origin;
         Bounded<Point2<Map>, kMaxFacet> ends;
         bool dense = false;   ///< beams so close that noise is averaged out
-        [[nodiscard]] Point2<Map> point(float protrudes_cells) const;
+        Point2<Map> before;   ///< if so: what its surface goes on to on both sides
+        Point2<Map> after;
+        /// The point that it shows; true: one that stands out of it.
+        [[nodiscard]] bool protrudes(float protrudes_cells, float corner_cells, Point2<Map>& shown) const;
     };
+    [[nodiscard]] static std::size_t beyond(const LevelScan& scan, std::size_t from, bool after);
     void enter(const Facet& facet);
     void hit(CellId id, float x_cells, float y_cells, bool dense);
     struct Beam { float origin_x; float origin_y; float dir_x; float dir_y; float length; };   ///< in cells, direction of unit length

@@ -21,6 +21,10 @@ constexpr float kSameGoalM = 0.5F;
 constexpr float kNewsM2 = 1.0F;                ///< area that must become known for a change of mind to have a reason
 constexpr float kYawSlackRad = 0.35F;          ///< heading is corrected only when off by more
 constexpr float kFacingRad = 0.1F;
+constexpr float kPassesM = 0.3F;               ///< of the path left: what is near is passed, not stood beside
+constexpr float kBesideM = 0.12F;              ///< hull to what is near
+constexpr float kHeadingM = 0.3F;              ///< of the path tells where it leads
+constexpr float kSidesRad = 0.65F;             ///< off the path, at most: a laser of 270 degrees sees both sides, and a little behind them
 constexpr float kLookAheadM = 1.0F;
 
 }  // namespace
@@ -208,9 +212,12 @@ void Explorer::go_to(const OccupancyGrid& grid, const Pose2<Map, Body>& pose, co
         blocked_ = false;
         fields_[flown_].clear();
     }
-    if (has_way_ && std::hypot(x_m - pose.x_m, y_m - pose.y_m) > kArrivedM && stuck(grid, pose, t_us)) { blocked_ = true; }
+    if (has_way_ && std::hypot(x_m - pose.x_m, y_m - pose.y_m) > kArrivedM && stuck(grid, pose, t_us)) {
+        blocked_ = where_.at_last_resort();
+        where_.last_resort();
+    }
     if (field_started_ || !has_way_ || t_us - field_us_ > kRefreshUs) {
-        if (run_field(grid, from, t_us) && !has_way_) { where_.reopen_all(); }
+        if (run_field(grid, from, t_us) && !has_way_) { where_.last_resort(); }
     }
     follow(grid, pose, from, target);
 }
@@ -256,6 +263,23 @@ void Explorer::look(const Pose2<Map, Body>& pose, const Pose2<Map, Body>& from, 
         if (k < target.path.size()) { wanted = std::atan2(target.path[k].y_m - from.y_m, target.path[k].x_m - from.x_m); }
         if (std::fabs(wrap_angle(wanted - target.yaw_rad)) > kYawSlackRad) { target.yaw_rad = wanted; }
     }
+    if (left_m > kPassesM) { see_sides(from, target); }
+}
+
+// Past what is near the laser must see both sides: what it saw from afar or from the other side only may reach centimetres farther.
+void Explorer::see_sides(const Pose2<Map, Body>& from, Target& target) const {
+    float gone_m = 0.0F;
+    float least_m = target.path[0].clearance_m;
+    float heading_rad = target.yaw_rad;
+    for (std::size_t k = 1; k < target.path.size() && gone_m < kLookAheadM; ++k) {
+        const PathPoint& p = target.path[k];
+        if (gone_m < kHeadingM) { heading_rad = std::atan2(p.y_m - from.y_m, p.x_m - from.x_m); }
+        gone_m += std::hypot(p.x_m - target.path[k - 1U].x_m, p.y_m - target.path[k - 1U].y_m);
+        least_m = std::min(least_m, p.clearance_m);
+    }
+    if (least_m > p_.hull_radius_m + kBesideM) { return; }
+    const float off_rad = wrap_angle(target.yaw_rad - heading_rad);
+    if (std::fabs(off_rad) > kSidesRad) { target.yaw_rad = wrap_angle(heading_rad + std::copysign(kSidesRad, off_rad)); }
 }
 
 }  // namespace noctule

@@ -101,6 +101,7 @@ private:
     bool run_field(const OccupancyGrid& grid, const Pose2<Map, Body>& from, std::int64_t t_us);
     void find_way(const OccupancyGrid& grid, const Pose2<Map, Body>& from, std::int64_t t_us);
     void follow(const OccupancyGrid& grid, const Pose2<Map, Body>& pose, const Pose2<Map, Body>& from, Target& target);
+    void see_sides(const Pose2<Map, Body>& from, Target& target) const;
     void look(const Pose2<Map, Body>& pose, const Pose2<Map, Body>& from, Target& target) const;
     [[nodiscard]] bool stuck(const OccupancyGrid& grid, const Pose2<Map, Body>& pose, std::int64_t t_us);
 

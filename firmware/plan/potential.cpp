@@ -19,7 +19,6 @@ constexpr std::int32_t kSmoothRounds = 12;
 constexpr float kSoftPush = 0.2F;      ///< share of what is lacking to the clearance wanted that a round pushes a point away
 constexpr float kHardPush = 0.5F;      ///< and of what is lacking to hull and kRoomM: more than the band pulls back round a corner
 constexpr float kRoomM = 0.18F;
-constexpr float kCutM = 0.007F;        ///< clearance lacking to hull and margin from which the line is cut off: more than the noise of hit points
 constexpr float kCentreM = 0.14F;      ///< hull and less than this: the line is centred exactly
 constexpr float kCentreSteps[] = {0.02F, 0.01F, 0.005F, 0.0025F};
 constexpr float kCapM = 0.01F * static_cast<float>(Traversability::kCapCm);
@@ -30,6 +29,9 @@ constexpr float kEnoughShare = 1.25F;  ///< of what stopping takes, and kEnoughM
 constexpr float kEnoughM = 0.10F;
 constexpr float kFeltShare = 1.1F;     ///< of the way over which the reference brakes: what lies farther ahead bounds no speed
 constexpr float kLookM = 0.15F;        ///< beyond the clearance wanted, so that a point may move before it is looked up again
+constexpr float kLeavesM = 0.007F;     ///< clearance lacking to hull and margin: with so little it still leads out of one
+constexpr float kInsideM = 0.015F;     ///< over them: with less it begins in a gap
+constexpr float kBeforeM = 0.02F;      ///< over them: before a gap that it does not enter it ends with this
 constexpr float kRoundingM = 1e-4F;
 constexpr float kLongestM = 3.0F;      ///< of the path ahead: twice what stopping from full speed needs
 
@@ -194,6 +196,25 @@ bool Potential::may_move(const OccupancyGrid& grid, const Traversability& where,
     return to == at || !where.over_unknown(grid.find(to)) || where.over_unknown(grid.find(at));
 }
 
+// Where it is narrow a point stands in the middle of each step, too: a throat may lie between two cells.
+void Potential::refine(const OccupancyGrid& grid, const Traversability& where, std::array<float, kMaxPathPoints>& room_least_m, Bounded<PathPoint, kMaxPathPoints>& path) const {
+    const float narrow_m = p_.hull_radius_m + kCentreM + kRoundingM;
+    const Bounded<PathPoint, kMaxPathPoints> coarse = path;
+    const std::array<float, kMaxPathPoints> coarse_m = room_least_m;
+    path.clear();
+    for (std::size_t k = 0; k < coarse.size(); ++k) {
+        if (k > 0U && std::min(coarse_m[k - 1U], coarse_m[k]) <= narrow_m && path.size() + coarse.size() - k < path.capacity()) {
+            const PathPoint middle{0.5F * (coarse[k - 1U].x_m + coarse[k].x_m), 0.5F * (coarse[k - 1U].y_m + coarse[k].y_m), 0.0F};
+            if (may_move(grid, where, coarse[k - 1U], middle.x_m, middle.y_m)) {
+                room_least_m[path.size()] = 0.0F;
+                static_cast<void>(path.push(middle));
+            }
+        }
+        room_least_m[path.size()] = coarse_m[k];
+        static_cast<void>(path.push(coarse[k]));
+    }
+}
+
 // Where it is narrow each point goes across the line to where there is most room: in a gap, to its middle.
 void Potential::centre(const OccupancyGrid& grid, const Traversability& where, const std::array<float, kMaxPathPoints>& room_least_m,
                        Bounded<PathPoint, kMaxPathPoints>& path) const {
@@ -275,25 +296,34 @@ void Potential::smooth(const OccupancyGrid& grid, const Traversability& where, B
             p.y_m = y_m;
         }
     }
+    refine(grid, where, room_m, path);
     centre(grid, where, room_m, path);
-    for (PathPoint& p : path) { p.clearance_m = grid.clearance_m(p.x_m, p.y_m, kCapM); }
+    for (std::size_t k = 0; k < path.size(); ++k) {
+        PathPoint& p = path[k];
+        p.clearance_m = grid.clearance_m(p.x_m, p.y_m, kCapM);
+        if (k == 0U || !(std::min(path[k - 1U].clearance_m, p.clearance_m) < p_.hull_radius_m + kCentreM)) { continue; }
+        p.clearance_m = std::min(p.clearance_m, grid.clearance_m(0.5F * (path[k - 1U].x_m + p.x_m), 0.5F * (path[k - 1U].y_m + p.y_m), kCapM));
+    }
     float gone_m = 0.0F;
     float felt_m = kLongestM;   // what is farther ahead than this is not felt: from there the speed allowed before it can still be braked
     for (std::size_t k = 0; k + 1U < path.size(); ++k) {
         const PathPoint& before = path[k > 0U ? k - 1U : 0U];
         gone_m += std::hypot(path[k].x_m - before.x_m, path[k].y_m - before.y_m);
         if (gone_m > felt_m) { break; }
-        felt_m = std::min(felt_m, gone_m + kFeltShare * braking_m(p_, speed_at_clearance_m_s(p_, path[k].clearance_m)));
+        felt_m = std::min(felt_m, gone_m + kFeltShare * braking_m(p_, path[k].clearance_m));
         const float dx = path[k + 1U].x_m - before.x_m;
         const float dy = path[k + 1U].y_m - before.y_m;
         const float length = std::hypot(dx, dy);
         if (length > 1e-3F) { path[k].way_m = way_m(grid, path[k], dx / length, dy / length); }
     }
     // What the band may have drawn too near to something is cut off: the reference stops before it.
-    const float least_m = std::min(p_.hull_radius_m + p_.plan_margin_m - kCutM, path[0].clearance_m);
+    // A gap that is narrower than it may be is not entered, and not stood in either; one that the vehicle is in is left with less.
+    const bool inside = path[0].clearance_m < p_.hull_radius_m + p_.plan_margin_m + kInsideM || where.at_last_resort();
+    const float least_m = std::min(p_.hull_radius_m + p_.plan_margin_m - (inside ? kLeavesM : 0.0F), path[0].clearance_m);
     std::size_t keep = 1;
     while (keep < path.size() && path[keep].clearance_m >= least_m) { ++keep; }
     if (keep == path.size()) { return; }
+    while (keep > 1U && path[keep - 1U].clearance_m < p_.hull_radius_m + p_.plan_margin_m + kBeforeM) { --keep; }
     const Bounded<PathPoint, kMaxPathPoints> whole = path;
     path.clear();
     for (std::size_t k = 0; k < keep; ++k) { static_cast<void>(path.push(whole[k])); }

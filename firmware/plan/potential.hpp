@@ -55,6 +55,8 @@ private:
     [[nodiscard]] static std::size_t at(const Cell c) { return static_cast<std::size_t>((c.iy & (kWindow - 1)) * kWindow + (c.ix & (kWindow - 1))); }
     [[nodiscard]] float way_m(const OccupancyGrid& grid, const PathPoint& from, float ux, float uy) const;
     [[nodiscard]] static bool may_move(const OccupancyGrid& grid, const Traversability& where, const PathPoint& from, float x_m, float y_m);
+    void refine(const OccupancyGrid& grid, const Traversability& where, std::array<float, kMaxPathPoints>& room_least_m,
+                Bounded<PathPoint, kMaxPathPoints>& path) const;
     void centre(const OccupancyGrid& grid, const Traversability& where, const std::array<float, kMaxPathPoints>& room_least_m,
                 Bounded<PathPoint, kMaxPathPoints>& path) const;
     void smooth(const OccupancyGrid& grid, const Traversability& where, Bounded<PathPoint, kMaxPathPoints>& path) const;

@@ -34,8 +34,18 @@ struct PathPoint {
 
 constexpr float kBrakeShare = 0.35F;  ///< of the acceleration limit that the speed profile counts on; the rest is for jerk and curves
 
-/// The longest way over which the reference brakes to a stop from a speed. docs/maths/command.md, equation (2).
-[[nodiscard]] inline float braking_m(const Parameters& p, const float speed_m_s) { return 0.5F * speed_m_s * speed_m_s / (kBrakeShare * p.accel_max_m_s2); }
+/// Of speed, braking and curves that is left in a gap narrower than a door, where a centimetre counts. docs/maths/command.md, equation (1b).
+[[nodiscard]] inline float tight_share(const Parameters& p, const float clearance_m) {
+    constexpr float kTightM = 0.12F;      // hull to obstacle
+    constexpr float kTightLeast = 0.4F;
+    return std::clamp((clearance_m - p.hull_radius_m) / kTightM, kTightLeast, 1.0F);
+}
+
+/// The longest way over which the reference brakes to a stop from the speed at a clearance. docs/maths/command.md, equation (3).
+[[nodiscard]] inline float braking_m(const Parameters& p, const float clearance_m) {
+    const float speed_m_s = speed_at_clearance_m_s(p, clearance_m);
+    return 0.5F * speed_m_s * speed_m_s / (kBrakeShare * tight_share(p, clearance_m) * p.accel_max_m_s2);
+}
 
 constexpr float kAnswerS = 0.25F;    ///< until the vehicle brakes because of a setpoint
 constexpr float kStopShare = 0.8F;   ///< of the acceleration limit: what a vehicle is sure to brake with

@@ -15,7 +15,8 @@ constexpr std::int32_t kNearTiles = 1;        ///< tiles round the vehicle looke
 constexpr std::int32_t kFarTilesPerStep = 8;  ///< others, in turn
 constexpr std::int32_t kSide = 3 * kBlockCells;
 constexpr float kClosedM = 0.2F;              ///< radius of a closed place
-constexpr float kClosesM = 0.005F;            ///< lacking to hull and margin: a place that was open closes, and with plan_reopen_m over them it opens again
+constexpr float kLenientM = 0.005F;           ///< over hull and margin: a place that was closed opens, where one look is enough
+constexpr std::int64_t kLastResortUs = 60000000;
 constexpr std::int64_t kLenientEveryUs = 60000000;   ///< but now and then one look is enough: what was measured too narrow is not lost
 constexpr std::int64_t kLenientUs = 4000000;
 constexpr std::int64_t kAskedAgainUs = 1000000;      ///< while there is no way it is asked for at every step
@@ -86,6 +87,7 @@ void Traversability::reset() {
     stairs_.clear();
     queue_head_ = queue_size_ = 0;
     next_tile_ = 0;
+    slack_m_ = kClosesM;
     closed_.clear();
 }
 
@@ -119,6 +121,13 @@ void Traversability::reopen_all() {
     mark_all_stale();
 }
 
+void Traversability::last_resort() {
+    reopen_all();
+    last_resort_until_us_ = now_us_ + kLastResortUs;
+    if (!at_last_resort()) { mark_all_stale(); }
+    slack_m_ = kLastResortM;
+}
+
 void Traversability::reopen(const std::int64_t t_us) {
     if (t_us / kLenientEveryUs != now_us_ / kLenientEveryUs) {
         lenient_until_us_ = t_us + kLenientUs;
@@ -126,6 +135,10 @@ void Traversability::reopen(const std::int64_t t_us) {
     }
     now_us_ = t_us;
     lenient_ = t_us < lenient_until_us_;
+    if (at_last_resort() && t_us >= last_resort_until_us_) {
+        slack_m_ = kClosesM;
+        mark_all_stale();
+    }
     for (std::size_t k = closed_.size(); k-- > 0;) {
         if (closed_[k].until_us >= t_us) { continue; }
         closed_.remove_unordered(k);
@@ -360,7 +373,8 @@ void Traversability::compute(const OccupancyGrid& grid, const std::int32_t block
                 result = static_cast<std::uint8_t>(std::clamp<std::int32_t>(static_cast<std::int32_t>(std::lround(100.0F * room_m)), 1, kCapCm));
                 // A gap that opens and closes with the noise of hits draws the vehicle to and fro: what was found closed opens with more room only.
                 const std::int32_t before_cm = values[static_cast<std::size_t>(((y0 + j) & 63) * kTileCells + ((x0 + i) & 63))] & 0x7F;
-                const float more_m = before_cm == 0 ? 0.0F : before_cm >= need_cm_ ? -kClosesM : lenient_ ? std::min(kClosesM, p_.plan_reopen_m) : p_.plan_reopen_m;
+                const bool was_closed = before_cm > 0 && before_cm < need_cm_;
+                const float more_m = at_last_resort() || before_cm >= need_cm_ ? -slack_m_ : !was_closed ? 0.0F : lenient_ ? std::min(kLenientM, p_.plan_reopen_m) : p_.plan_reopen_m;
                 if (room_m >= need_m + more_m) {
                     result = std::max(result, static_cast<std::uint8_t>(need_cm_));
                 } else {

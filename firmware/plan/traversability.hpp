@@ -36,6 +36,9 @@ public:
     void reopen_last();
     /// And for a while one look is enough to find a gap open. Asked again within a second, with nothing closed, it does nothing.
     void reopen_all();
+    /// There is no way at all: for a minute what is narrower by a little than it should be counts as open, so that the vehicle comes out where it came in.
+    void last_resort();
+    [[nodiscard]] bool at_last_resort() const { return slack_m_ > kClosesM; }
     /// Those whose time is over.
     void reopen(std::int64_t t_us);
 
@@ -84,6 +87,8 @@ private:
     using Hits = Bounded<Point2<Map>, 96>;   ///< round a block, enough for walls two cells thick all through it; full: the grid is asked
     static constexpr std::size_t kMaxClosed = 16;
     static constexpr std::int32_t kTightCm = 15;
+    static constexpr float kClosesM = 0.003F;        ///< lacking to hull and margin: a place that was open closes
+    static constexpr float kLastResortM = 0.007F;   ///< lacking to them: what counts as open at last resort
     static constexpr float kOffFactor = 4.0F;
     static constexpr float kOffMost = 20.0F;   ///< slowness: the dearest edge must fit in the ring of OpenCells
     static constexpr std::int32_t kBlocksPerStep = 160;
@@ -106,6 +111,8 @@ private:
     bool lenient_ = false;
     std::int64_t now_us_ = 0;
     std::int64_t lenient_until_us_ = 0;
+    std::int64_t last_resort_until_us_ = 0;
+    float slack_m_ = kClosesM;
     std::int32_t need_cm_ = 33;
     std::uint32_t meaning_ = 0;
     Fence fence_;

@@ -368,6 +368,63 @@ void a_corner_is_not_averaged_back() {
     TEST_ASSERT_TRUE(sum_m / looks < 0.007);
 }
 
+// A corner that was seen from before it, then for long from one side only, where it is no more than the end of what is seen.
+void looks_at_one_side_do_not_draw_a_corner_back() {
+    const Parameters p;
+    const auto grid = grid_with(p);
+    std::mt19937 rng(17);
+    LevelScan s;
+    double sum_m = 0.0;
+    for (int turn = 0; turn < 12; ++turn) {
+        noctule::test::FlatWorld world;
+        world.add_segment(0.0, 0.0, 1.0, 0.0);
+        world.add_segment(0.0, 0.0, 0.0, 1.0);
+        world.turn(0.13 * turn);
+        world.shift(0.03 * turn, 0.017 * turn);
+        const auto place = [&](const double x_m, const double y_m) {
+            const double a = 0.13 * turn;
+            return std::pair{std::cos(a) * x_m - std::sin(a) * y_m + 0.03 * turn, std::sin(a) * x_m + std::cos(a) * y_m + 0.017 * turn};
+        };
+        const auto look = [&](const double x_m, const double y_m, const double yaw_rad) {
+            const auto [at_x_m, at_y_m] = place(x_m, y_m);
+            noctule::test::sweep(world, at_x_m, at_y_m, yaw_rad + 0.13 * turn, 10.0, 0.01, rng, s);
+            s.range_noise_m = 0.01F;
+            grid->integrate(at(static_cast<float>(at_x_m), static_cast<float>(at_y_m), static_cast<float>(yaw_rad + 0.13 * turn)), s);
+        };
+        grid->reset();
+        for (int k = 0; k < 20; ++k) { look(-0.3, -0.3, 0.785); }
+        for (int k = 0; k < 40; ++k) { look(0.12, -0.4, 1.5708); }
+        const auto [x_m, y_m] = place(-0.26, -0.26);
+        sum_m += static_cast<double>(grid->clearance_m(static_cast<float>(x_m), static_cast<float>(y_m), 0.8F)) - world.clearance(x_m, y_m);
+    }
+    TEST_ASSERT_TRUE(sum_m / 12.0 < 0.0095);
+}
+
+// On the edge between two cells the corner stands out of what is seen of neither.
+void a_corner_between_two_cells_is_not_averaged_back() {
+    const Parameters p;
+    const auto grid = grid_with(p);
+    std::mt19937 rng(19);
+    LevelScan s;
+    double sum_m = 0.0;
+    for (int shift = 0; shift < 8; ++shift) {
+        noctule::test::FlatWorld world;
+        world.add_segment(0.0, 0.0, 0.7, 0.7);
+        world.add_segment(0.0, 0.0, 0.7, -0.7);
+        world.shift(0.32, 0.002 * (shift - 4));   // cells meet on y = 0
+        grid->reset();
+        for (int k = 0; k < 20; ++k) {
+            noctule::test::sweep(world, -0.05, 0.0, 0.0, 10.0, 0.01, rng, s);
+            s.range_noise_m = 0.01F;
+            grid->integrate(at(-0.05F, 0.0F), s);
+        }
+        const double error_m = static_cast<double>(grid->clearance_m(-0.05F, 0.0F, 0.8F)) - world.clearance(-0.05, 0.0);
+        TEST_ASSERT_TRUE(error_m < 0.025);
+        sum_m += error_m;
+    }
+    TEST_ASSERT_TRUE(sum_m / 8.0 < 0.012);
+}
+
 // Looks from afar, which cannot tell a corner from the middle of what they see, leave it where looks from near put it.
 void what_was_seen_from_near_is_not_moved_from_afar() {
     const Parameters p;
@@ -531,6 +588,8 @@ int main() {
     RUN_TEST(every_change_is_published_in_the_end);
     RUN_TEST(clearance_is_measured_to_hits_not_to_cells);
     RUN_TEST(a_corner_is_not_averaged_back);
+    RUN_TEST(looks_at_one_side_do_not_draw_a_corner_back);
+    RUN_TEST(a_corner_between_two_cells_is_not_averaged_back);
     RUN_TEST(what_was_seen_from_near_is_not_moved_from_afar);
     RUN_TEST(noise_puts_no_hits_before_a_wall);
     RUN_TEST(clearance_is_that_of_the_nearest_of_all_hits);

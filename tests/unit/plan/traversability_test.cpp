@@ -179,7 +179,7 @@ void a_gap_found_closed_does_not_open_by_noise() {
         return where->clearance_cm(grid->find(0.55F, 0.05F)) >= 36;
     };
     TEST_ASSERT_TRUE(open(0.372));
-    TEST_ASSERT_TRUE_MESSAGE(open(0.357), "open, it stays so with a little less");
+    TEST_ASSERT_TRUE_MESSAGE(open(0.3585), "open, it stays so with a little less");
     TEST_ASSERT_FALSE(open(0.352));
     where->reopen(9'000'000);   // the four seconds are over
     const auto later = [&](const double half_m, const std::int64_t t_us) {
@@ -188,14 +188,14 @@ void a_gap_found_closed_does_not_open_by_noise() {
         settle(*where, *grid);
         return where->clearance_cm(grid->find(0.55F, 0.05F)) >= 36;
     };
-    TEST_ASSERT_FALSE_MESSAGE(later(0.372, 10'000'000), "as much as noise adds");
-    TEST_ASSERT_TRUE_MESSAGE(later(0.372, 61'000'000), "once a minute less is enough");
+    TEST_ASSERT_FALSE_MESSAGE(later(0.368, 10'000'000), "as much as noise adds");
+    TEST_ASSERT_TRUE_MESSAGE(later(0.368, 61'000'000), "once a minute less is enough");
     TEST_ASSERT_FALSE(later(0.352, 70'000'000));
-    TEST_ASSERT_FALSE(later(0.372, 71'000'000));
+    TEST_ASSERT_FALSE(later(0.368, 71'000'000));
     TEST_ASSERT_TRUE(later(0.395, 72'000'000));
     TEST_ASSERT_FALSE(later(0.352, 73'000'000));
     p.plan_reopen_m = 0.005F;
-    TEST_ASSERT_TRUE_MESSAGE(later(0.372, 74'000'000), "a laser with less noise");
+    TEST_ASSERT_TRUE_MESSAGE(later(0.368, 74'000'000), "a laser with less noise");
 }
 
 }  // namespace
