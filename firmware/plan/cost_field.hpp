@@ -80,7 +80,7 @@ public:
     /// Cells within `free_radius` cells of the root may be tight and still lead on.
     void start(const OccupancyGrid& grid, CellId root, std::int32_t free_radius, OpenCells& open);
 
-    /// A further root at no cost. False: the open list or the field is full.
+    /// A further root at no cost. A cell is of one root, the last that was put there: one before it is met by none. False: the open list or the field is full.
     bool add_root(CellId root, std::uint8_t number, RootGraph& graph, OpenCells& open);
 
     /// Settles up to `budget` cells; true: done. Stops early once `until` is settled and all that costs `beyond` more.
