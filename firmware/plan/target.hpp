@@ -36,7 +36,7 @@ constexpr float kBrakeShare = 0.35F;  ///< of the acceleration limit that the sp
 
 /// Of speed, braking and curves that is left in a gap narrower than a door, where a centimetre counts. docs/maths/command.md, equation (1b).
 [[nodiscard]] inline float tight_share(const Parameters& p, const float clearance_m) {
-    constexpr float kTightM = 0.12F;      // hull to obstacle
+    constexpr float kTightM = 0.14F;      // hull to obstacle
     constexpr float kTightLeast = 0.4F;
     return std::clamp((clearance_m - p.hull_radius_m) / kTightM, kTightLeast, 1.0F);
 }
