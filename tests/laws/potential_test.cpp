@@ -173,6 +173,62 @@ void the_line_keeps_off_a_wall_that_nobody_has_seen() {
     }
 }
 
+/// A wall of 4 cm along x = 0.6, where cells meet, with a gap in it, seen from both sides.
+struct Gap {
+    Parameters p;
+    test::FlatWorld world;
+    OccupancyGrid grid{p};
+    Traversability where{p};
+    OpenCells open;
+    CostField field;
+    Potential potential{p};
+
+    explicit Gap(const double half_m) {
+        for (const double side : {-1.0, 1.0}) { world.add_wall(0.6, 0.05 + side * half_m, 0.6, 0.05 + side * 2.0, 0.04); }
+        world.add_segment(-2.0, -1.95, 3.0, -1.95);
+        world.add_segment(-2.0, 2.05, 3.0, 2.05);
+        world.add_segment(-2.0, -1.95, -2.0, 2.05);
+        world.add_segment(3.0, -1.95, 3.0, 2.05);
+        std::mt19937 rng(23);
+        LevelScan scan;
+        Estimate e;
+        e.planar.quality = 100;
+        e.altitude.valid = true;
+        e.altitude.z_m = 1.0F;
+        for (int k = 0; k < 60; ++k) {
+            const double x_m = k % 3 == 0 ? -0.8 : k % 3 == 1 ? 0.2 : 1.0;
+            const double yaw_rad = k % 3 == 2 ? 3.1415926 : 0.0;
+            test::sweep(world, x_m, 0.05, yaw_rad, 10.0, 0.003, rng, scan);
+            scan.range_noise_m = 0.003F;
+            e.planar.pose_map_body = {static_cast<float>(x_m), 0.05F, static_cast<float>(yaw_rad)};
+            grid.integrate(e, scan);
+        }
+        for (int k = 0; k < 200; ++k) { where.update(grid, 0.0F, 0.0F); }
+        field.start(grid, grid.find(1.65F, 0.05F), 5, open);
+        while (!field.run(grid, where, open, 1000, kNoCell, 0)) {}
+    }
+    /// How far along x the line leads from there.
+    float leads_to_m(const float x_m) {
+        Bounded<PathPoint, kMaxPathPoints> path;
+        potential.restart();
+        potential.relax(grid, where, field, x_m, 0.05F, 2);
+        TEST_ASSERT_TRUE(potential.trace(grid, where, field, x_m, 0.05F, 1.65F, 0.05F, path));
+        return path.back().x_m;
+    }
+};
+
+// Hull and margin are 0.36 m: beside the throat there is room for them, in it there is not.
+void a_throat_between_two_cells_is_not_entered_but_left() {
+    const auto wide = std::make_unique<Gap>(0.370);
+    TEST_ASSERT_TRUE(wide->leads_to_m(-0.5F) > 1.2F);
+    const auto narrow = std::make_unique<Gap>(0.355);
+    TEST_ASSERT_TRUE(narrow->where.passable(narrow->grid.find(0.55F, 0.05F)) && narrow->where.passable(narrow->grid.find(0.65F, 0.05F)));
+    const float end_m = narrow->leads_to_m(-0.5F);
+    TEST_ASSERT_TRUE(end_m > 0.0F && end_m < 0.55F);
+    TEST_ASSERT_TRUE_MESSAGE(std::hypot(0.6F - end_m, 0.355F) > 0.375F, "it does not stand in it");
+    TEST_ASSERT_TRUE_MESSAGE(narrow->leads_to_m(0.57F) > 1.2F, "out of it with a little less");
+}
+
 void costs_equal_those_of_relaxation_to_a_fixed_point() {
     const auto s = std::make_unique<Scene>();
     s->solve(0.0F, 0.0F);
@@ -410,6 +466,7 @@ int main() {
     RUN_TEST(clearances_updated_block_by_block_equal_brute_force);
     RUN_TEST(what_is_unknown_under_the_hull_equals_brute_force);
     RUN_TEST(the_line_keeps_off_a_wall_that_nobody_has_seen);
+    RUN_TEST(a_throat_between_two_cells_is_not_entered_but_left);
     RUN_TEST(costs_equal_those_of_relaxation_to_a_fixed_point);
     RUN_TEST(a_packed_cost_is_never_less_and_keeps_its_order);
     RUN_TEST(a_sum_is_packed_as_if_by_itself);

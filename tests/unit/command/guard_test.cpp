@@ -207,6 +207,22 @@ void a_vehicle_that_flies_past_its_setpoint_is_drawn_back() {
     }
 }
 
+void a_vehicle_that_flies_at_one_side_of_a_gap_is_not_thrown_at_the_other() {
+    // GIVEN a post ahead on the left, and a setpoint that leads straight on
+    const auto d = std::make_unique<Desk>();
+    for (int k = -2; k <= 2; ++k) { d->point(0.55F, 0.22F + 0.01F * static_cast<float>(k)); }
+    d->estimate.planar.vx_m_s = 0.6F;
+    static_cast<void>(d->decide(Desk::go(0.0F, 0.0F)));
+    Setpoint s = Desk::go(0.03F, 0.0F);
+    s.vx_m_s = 0.5F;
+    const Setpoint out = d->decide(s);
+    // THEN it is slowed on its way, and not sent to the right
+    TEST_ASSERT_EQUAL(GuardRule::motion, d->guard.rule());
+    TEST_ASSERT_TRUE(out.vx_m_s < 0.3F);
+    TEST_ASSERT_FLOAT_WITHIN(0.01F, 0.0F, out.vy_m_s);
+    TEST_ASSERT_FLOAT_WITHIN(0.005F, 0.0F, out.trim_y_m);
+}
+
 void a_vehicle_nearly_too_fast_is_slowed_before_it_is_stopped() {
     // A wall 0.80 m ahead: with 0.25 s until it answers and 0.8 m/s^2 a vehicle stops before hull and least margin from 0.70 m/s.
     const auto asked = [](const float vx_m_s) {
@@ -362,6 +378,7 @@ int main() {
     RUN_TEST(jumps_and_leads_are_cut);
     RUN_TEST(it_stops_before_a_wall_whatever_is_wanted);
     RUN_TEST(a_vehicle_that_flies_past_its_setpoint_is_drawn_back);
+    RUN_TEST(a_vehicle_that_flies_at_one_side_of_a_gap_is_not_thrown_at_the_other);
     RUN_TEST(a_vehicle_nearly_too_fast_is_slowed_before_it_is_stopped);
     RUN_TEST(a_sluggish_vehicle_is_stopped_in_time);
     RUN_TEST(noise_does_not_bring_a_wall_nearer);

@@ -54,6 +54,34 @@ void rooms_with_doors_of_0_9_m() { expect_explored(rooms(0.90), 240.0, 0.98, 1);
 
 void rooms_with_doors_of_0_8_m() { expect_explored(rooms(0.80), 300.0, 0.97, 2); }
 
+// In a door the laser of 270 degrees sees both sides, wherever the vehicle would look otherwise.
+void in_a_door_the_nose_is_near_the_way() {
+    const Parameters p;
+    const FlatWorld world = rooms(0.80);
+    const auto loop = std::make_unique<ClosedLoop>(p, world, 3U);
+    for (int k = 0; k < 60 && !loop->mission.ready(); ++k) { loop->step(); }
+    loop->step(Order::start);
+    int narrow = 0;
+    while (loop->time_s() < 200.0 && loop->mission.state() != MissionState::landed) {
+        loop->step();
+        const auto& path = loop->target.path;
+        if (loop->mission.state() != MissionState::exploring || path.size() < 2U) { continue; }
+        float gone_m = 0.0F;
+        float least_m = path[0].clearance_m;
+        float heading_rad = 0.0F;
+        for (std::size_t k = 1; k < path.size() && gone_m < 0.8F; ++k) {
+            if (gone_m < 0.3F) { heading_rad = std::atan2(path[k].y_m - path[0].y_m, path[k].x_m - path[0].x_m); }
+            gone_m += std::hypot(path[k].x_m - path[k - 1U].x_m, path[k].y_m - path[k - 1U].y_m);
+            least_m = std::min(least_m, path[k].clearance_m);
+        }
+        const PathPoint& end = path.back();
+        if (std::hypot(end.x_m - loop->estimate().planar.pose_map_body.x_m, end.y_m - loop->estimate().planar.pose_map_body.y_m) < 0.35F || least_m > 0.41F) { continue; }
+        ++narrow;
+        TEST_ASSERT_TRUE(std::fabs(wrap_angle(loop->target.yaw_rad - heading_rad)) < 0.7F);
+    }
+    TEST_ASSERT_TRUE(narrow > 50);
+}
+
 void pillars_and_dead_ends() {
     FlatWorld w;
     w.add_wall(-1.5, -3.0, 6.0, -3.0);
@@ -116,6 +144,7 @@ int main() {
     UNITY_BEGIN();
     RUN_TEST(rooms_with_doors_of_0_9_m);
     RUN_TEST(rooms_with_doors_of_0_8_m);
+    RUN_TEST(in_a_door_the_nose_is_near_the_way);
     RUN_TEST(pillars_and_dead_ends);
     RUN_TEST(a_closed_cell_is_finished_at_once);
     RUN_TEST(the_unknown_behind_the_edges_shrinks_to_nothing);

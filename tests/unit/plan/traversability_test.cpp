@@ -198,6 +198,30 @@ void a_gap_found_closed_does_not_open_by_noise() {
     TEST_ASSERT_TRUE_MESSAGE(later(0.368, 74'000'000), "a laser with less noise");
 }
 
+// A gap that is 5 mm too narrow: closed, open at last resort, and closed again after a minute.
+void at_last_resort_a_little_less_is_enough() {
+    const Parameters p;
+    const auto grid = std::make_unique<OccupancyGrid>(p);
+    const auto where = std::make_unique<Traversability>(p);
+    const auto open = [&](const std::int64_t t_us) {
+        where->reopen(t_us);
+        settle(*where, *grid);
+        return where->clearance_cm(grid->find(0.55F, 0.05F)) >= 36;
+    };
+    look_between_posts(*grid, 0.355);
+    TEST_ASSERT_FALSE(open(10'000'000));
+    TEST_ASSERT_FALSE(where->at_last_resort());
+    where->last_resort();
+    TEST_ASSERT_TRUE(where->at_last_resort());
+    TEST_ASSERT_TRUE(open(10'050'000));
+    TEST_ASSERT_TRUE(open(69'000'000));
+    TEST_ASSERT_FALSE_MESSAGE(open(70'050'000), "the minute is over");
+    TEST_ASSERT_FALSE(where->at_last_resort());
+    where->last_resort();
+    look_between_posts(*grid, 0.345);
+    TEST_ASSERT_FALSE_MESSAGE(open(70'100'000), "more is lacking than that");
+}
+
 }  // namespace
 
 int main() {
@@ -207,5 +231,6 @@ int main() {
     RUN_TEST(a_place_beside_a_wall_is_moved_to_where_the_hull_fits);
     RUN_TEST(opening_what_is_not_closed_is_done_once_a_second);
     RUN_TEST(a_gap_found_closed_does_not_open_by_noise);
+    RUN_TEST(at_last_resort_a_little_less_is_enough);
     return UNITY_END();
 }
