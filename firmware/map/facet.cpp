@@ -74,17 +74,21 @@ std::size_t OccupancyGrid::beyond(const LevelScan& scan, const std::size_t from,
 void OccupancyGrid::enter(const Facet& facet) {
     if (facet.id == kNoCell || facet.ends.empty()) { return; }
     Point2<Map> p{};
-    if (!facet.protrudes(geometry_.to_cells(kProtrudesM), geometry_.to_cells(kCornerM), p)) {
-        // A point that the facet reaches is left where along it it is: else a corner, once found, would be drawn back by looks that show one side of it.
-        const GridTile& t = tiles_[static_cast<std::size_t>(facet.id >> 12)];
-        const auto k = static_cast<std::size_t>(facet.id & 4095);
+    const GridTile& t = tiles_[static_cast<std::size_t>(facet.id >> 12)];
+    const auto k = static_cast<std::size_t>(facet.id & 4095);
+    const bool stands_out = facet.protrudes(geometry_.to_cells(kProtrudesM), geometry_.to_cells(kCornerM), p);
+    if (t.log_odds[k] > 0 && t.hit_x[k] != kNeverHit) {
+        const Cell c = cell(facet.id);
+        const float x = static_cast<float>(c.ix) + 0.5F + static_cast<float>(t.hit_x[k]) / kOffsetUnits;
+        const float y = static_cast<float>(c.iy) + 0.5F + static_cast<float>(t.hit_y[k]) / kOffsetUnits;
         const float dx = facet.ends.back().x_m - facet.ends[0].x_m;
         const float dy = facet.ends.back().y_m - facet.ends[0].y_m;
         const float length = std::hypot(dx, dy);
-        if (t.log_odds[k] > 0 && t.hit_x[k] != kNeverHit && length > kTellsWayCells) {
-            const Cell c = cell(facet.id);
-            const float x = static_cast<float>(c.ix) + 0.5F + static_cast<float>(t.hit_x[k]) / kOffsetUnits;
-            const float y = static_cast<float>(c.iy) + 0.5F + static_cast<float>(t.hit_y[k]) / kOffsetUnits;
+        if (facet.at_rim) {
+            // The edge of a thing that the sector shows no more of: a hit that is drawn there is worn away by the beams that pass beside the thing.
+            p = {x, y};
+        } else if (!stands_out && length > kTellsWayCells) {
+            // A point that the facet reaches is left where along it it is: else a corner, once found, would be drawn back by looks that show one side of it.
             const float along = ((x - facet.ends[0].x_m) * dx + (y - facet.ends[0].y_m) * dy) / length;
             if (along > -kReachesCells && along < length + kReachesCells) {
                 const float from_mean = ((x - p.x_m) * dx + (y - p.y_m) * dy) / (length * length);

@@ -28,6 +28,7 @@ constexpr std::uint32_t kCameraEvery = 4;      ///< a power of two: 20 sweeps an
 constexpr std::uint32_t kRefreshScans = 128;   ///< a power of two
 constexpr float kGain = 0.25F;                ///< by which the mean hit of a cell follows a facet
 constexpr float kSureGain = 0.06F;            ///< the same where the cell is all but sure and the ends are scattered
+constexpr std::size_t kRimBeams = 4;           ///< at both ends of a sweep: noise may put the last end into another cell
 constexpr std::size_t kDenseSide = 2;          ///< beams over which the ends are averaged to either side, from where what protrudes stands out of the noise
 constexpr std::int32_t kGeometryStep = 10;     ///< move of a mean hit (1/256 cell) that makes clearances stale
 
@@ -345,6 +346,7 @@ void OccupancyGrid::integrate(const Estimate& estimate, const LevelScan& scan) {
     std::size_t first = 0;
     std::size_t last = 0;
     const auto finish = [&]() {
+        facet.at_rim = first < kRimBeams || last + kRimBeams >= scan.points.size();
         if (facet.dense) {
             const std::size_t before = beyond(scan, first, false);
             const std::size_t after = beyond(scan, last, true);

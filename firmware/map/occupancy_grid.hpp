@@ -190,7 +190,8 @@ private:
         Point2<Map> origin;
         Bounded<Point2<Map>, kMaxFacet> ends;
         bool dense = false;   ///< beams so close that noise is averaged out
-        Point2<Map> before;   ///< if so: what its surface goes on to on both sides
+        bool at_rim = false;  ///< it is at the first or the last beams of the sweep: how far its surface reaches is not known
+        Point2<Map> before;   ///< if dense: what its surface goes on to on both sides
         Point2<Map> after;
         /// The point that it shows; true: one that stands out of it.
         [[nodiscard]] bool protrudes(float protrudes_cells, float corner_cells, Point2<Map>& shown) const;

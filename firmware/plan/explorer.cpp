@@ -122,6 +122,12 @@ bool Explorer::stuck(const OccupancyGrid& grid, const Pose2<Map, Body>& pose, co
 
 // Before the goal is blamed the place is: guard and planner may differ by a centimetre about a gap, and every goal beyond it would be given up in turn.
 bool Explorer::close_ahead(const Target& target, const std::int64_t t_us) {
+    const std::int64_t until_us = t_us + static_cast<std::int64_t>(1e6F * p_.blacklist_s);
+    const PathPoint* const cut = potential_.cut();
+    if (cut != nullptr && !target.path.empty() && std::hypot(cut->x_m - target.path[0].x_m, cut->y_m - target.path[0].y_m) < kClosedToM) {
+        where_.close(cut->x_m, cut->y_m, until_us);   // the line ends before it: no point of it tells
+        return true;
+    }
     float gone_m = 0.0F;
     std::size_t tightest = 0;
     for (std::size_t k = 1; k < target.path.size() && gone_m < kClosedToM; ++k) {
@@ -130,7 +136,7 @@ bool Explorer::close_ahead(const Target& target, const std::int64_t t_us) {
         if (tightest == 0U || target.path[k].clearance_m < target.path[tightest].clearance_m) { tightest = k; }
     }
     if (tightest == 0U || target.path[tightest].clearance_m > p_.hull_radius_m + kNarrowM) { return false; }
-    where_.close(target.path[tightest].x_m, target.path[tightest].y_m, t_us + static_cast<std::int64_t>(1e6F * p_.blacklist_s));
+    where_.close(target.path[tightest].x_m, target.path[tightest].y_m, until_us);
     return true;
 }
 

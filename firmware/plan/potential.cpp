@@ -131,8 +131,9 @@ void Potential::relax(const OccupancyGrid& grid, const Traversability& where, co
 }
 
 bool Potential::trace(const OccupancyGrid& grid, const Traversability& where, const CostField& field, const float x_m, const float y_m,
-                      const float goal_x_m, const float goal_y_m, Bounded<PathPoint, kMaxPathPoints>& path) const {
+                      const float goal_x_m, const float goal_y_m, Bounded<PathPoint, kMaxPathPoints>& path) {
     path.clear();
+    is_cut_ = false;
     const GridGeometry& g = grid.geometry();
     CellId at_id = grid.find(x_m, y_m);
     float v = value(grid, field, at_id);
@@ -261,7 +262,7 @@ float Potential::way_m(const OccupancyGrid& grid, const PathPoint& from, const f
 }
 
 // An elastic band: each inner point is drawn to the middle of its neighbours and pushed away from the nearest hit point.
-void Potential::smooth(const OccupancyGrid& grid, const Traversability& where, Bounded<PathPoint, kMaxPathPoints>& path) const {
+void Potential::smooth(const OccupancyGrid& grid, const Traversability& where, Bounded<PathPoint, kMaxPathPoints>& path) {
     const float wanted_m = std::min(p_.comfort_clearance_m, p_.hull_radius_m + 0.25F);
     std::array<float, kMaxPathPoints> room_m{};   // what each point has at least: the last clearance looked up, less what it moved since
     const auto moved_m = [](const float dx, const float dy) { return std::fabs(dx) + std::fabs(dy); };
@@ -323,6 +324,8 @@ void Potential::smooth(const OccupancyGrid& grid, const Traversability& where, B
     std::size_t keep = 1;
     while (keep < path.size() && path[keep].clearance_m >= least_m) { ++keep; }
     if (keep == path.size()) { return; }
+    is_cut_ = true;
+    cut_ = path[keep];
     while (keep > 1U && path[keep - 1U].clearance_m < p_.hull_radius_m + p_.plan_margin_m + kBeforeM) { --keep; }
     const Bounded<PathPoint, kMaxPathPoints> whole = path;
     path.clear();

@@ -36,7 +36,10 @@ public:
     /// itself), and draws the steps out into a smooth line that keeps to the middle of narrow places.
     /// False: no way from there (the path is empty).
     bool trace(const OccupancyGrid& grid, const Traversability& where, const CostField& field, float x_m, float y_m,
-               float goal_x_m, float goal_y_m, Bounded<PathPoint, kMaxPathPoints>& path) const;
+               float goal_x_m, float goal_y_m, Bounded<PathPoint, kMaxPathPoints>& path);
+
+    /// The place that the line traced last was cut off before, as it has too little room for hull and margin; null: there is none.
+    [[nodiscard]] const PathPoint* cut() const { return is_cut_ ? &cut_ : nullptr; }
 
     /// Greatest change of v in the last sweep.
     [[nodiscard]] float residual() const { return residual_; }
@@ -59,7 +62,7 @@ private:
                 Bounded<PathPoint, kMaxPathPoints>& path) const;
     void centre(const OccupancyGrid& grid, const Traversability& where, const std::array<float, kMaxPathPoints>& room_least_m,
                 Bounded<PathPoint, kMaxPathPoints>& path) const;
-    void smooth(const OccupancyGrid& grid, const Traversability& where, Bounded<PathPoint, kMaxPathPoints>& path) const;
+    void smooth(const OccupancyGrid& grid, const Traversability& where, Bounded<PathPoint, kMaxPathPoints>& path);
 
     const Parameters& p_;
     std::array<Entry, static_cast<std::size_t>(kWindow) * kWindow> ring_{};
@@ -68,6 +71,8 @@ private:
     std::uint32_t meaning_ = 0;   ///< of Traversability's bytes
     float residual_ = 0.0F;
     bool backwards_ = false;
+    bool is_cut_ = false;
+    PathPoint cut_;
 };
 
 }  // namespace noctule

@@ -221,10 +221,13 @@ struct Gap {
 void a_throat_between_two_cells_is_not_entered_but_left() {
     const auto wide = std::make_unique<Gap>(0.370);
     TEST_ASSERT_TRUE(wide->leads_to_m(-0.5F) > 1.2F);
+    TEST_ASSERT_NULL(wide->potential.cut());
     const auto narrow = std::make_unique<Gap>(0.355);
     TEST_ASSERT_TRUE(narrow->where.passable(narrow->grid.find(0.55F, 0.05F)) && narrow->where.passable(narrow->grid.find(0.65F, 0.05F)));
     const float end_m = narrow->leads_to_m(-0.5F);
     TEST_ASSERT_TRUE(end_m > 0.0F && end_m < 0.55F);
+    TEST_ASSERT_NOT_NULL(narrow->potential.cut());
+    TEST_ASSERT_FLOAT_WITHIN_MESSAGE(0.06F, 0.6F, narrow->potential.cut()->x_m, "what holds the vehicle, to be closed");
     TEST_ASSERT_TRUE_MESSAGE(std::hypot(0.6F - end_m, 0.355F) > 0.375F, "it does not stand in it");
     TEST_ASSERT_TRUE_MESSAGE(narrow->leads_to_m(0.57F) > 1.2F, "out of it with a little less");
 }

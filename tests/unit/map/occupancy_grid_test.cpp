@@ -400,6 +400,35 @@ void looks_at_one_side_do_not_draw_a_corner_back() {
     TEST_ASSERT_TRUE(sum_m / 12.0 < 0.0095);
 }
 
+// A leg that was seen whole, then by the last beams of the sweep only, which show one edge of it, then not any more: beams pass beside that edge.
+void the_rim_of_the_sector_does_not_wear_a_leg_away() {
+    const Parameters p;
+    const auto grid = grid_with(p);
+    std::mt19937 rng(23);
+    LevelScan s;
+    noctule::test::FlatWorld world;
+    for (const double side_m : {-0.03, 0.03}) {
+        world.add_segment(0.55 + side_m, 0.02, 0.55 + side_m, 0.08);
+        world.add_segment(0.52, 0.05 + side_m, 0.58, 0.05 + side_m);
+    }
+    world.add_segment(3.0, -3.0, 3.0, 3.0);
+    const double edge_rad = std::atan2(0.03, 0.52);
+    const auto look = [&](const double yaw_rad) {
+        noctule::test::sweep(world, 0.0, 0.05, yaw_rad, 10.0, 0.01, rng, s);
+        s.range_noise_m = 0.01F;
+        grid->integrate(at(0.0F, 0.05F, static_cast<float>(yaw_rad)), s);
+    };
+    for (const double rim_rad : {2.35619449, -2.35619449}) {
+        grid->reset();
+        const double side = rim_rad > 0.0 ? 1.0 : -1.0;
+        for (int k = 0; k < 20; ++k) { look(0.0); }
+        const float before_m = grid->clearance_m(0.40F, 0.35F, 0.8F);
+        for (int k = 0; k < 60; ++k) { look(-rim_rad - side * (edge_rad - 0.012)); }
+        for (int k = 0; k < 60; ++k) { look(-rim_rad - side * (edge_rad + 0.006)); }
+        TEST_ASSERT_FLOAT_WITHIN_MESSAGE(0.012F, before_m, grid->clearance_m(0.40F, 0.35F, 0.8F), "it stands where it stood");
+    }
+}
+
 // On the edge between two cells the corner stands out of what is seen of neither.
 void a_corner_between_two_cells_is_not_averaged_back() {
     const Parameters p;
@@ -589,6 +618,7 @@ int main() {
     RUN_TEST(clearance_is_measured_to_hits_not_to_cells);
     RUN_TEST(a_corner_is_not_averaged_back);
     RUN_TEST(looks_at_one_side_do_not_draw_a_corner_back);
+    RUN_TEST(the_rim_of_the_sector_does_not_wear_a_leg_away);
     RUN_TEST(a_corner_between_two_cells_is_not_averaged_back);
     RUN_TEST(what_was_seen_from_near_is_not_moved_from_afar);
     RUN_TEST(noise_puts_no_hits_before_a_wall);

@@ -155,9 +155,18 @@ void look_between_posts(OccupancyGrid& grid, const double half_m) {
         q.hit = true;
         TEST_ASSERT_TRUE(scan.points.push(q));
     };
+    const auto nothing_behind = [&scan] {   // the rest of a sweep
+        ScanPoint q;
+        q.x_m = -1.0F;
+        q.range_m = 1.0F;
+        q.hit = false;
+        for (int k = 0; k < 5; ++k) { TEST_ASSERT_TRUE(scan.points.push(q)); }
+    };
+    nothing_behind();
     beam(0.55, -half_m);
     beam(3.0, 0.0);
     beam(0.55, half_m);
+    nothing_behind();
     Estimate e;
     e.planar.pose_map_body = {0.0F, 0.05F, 0.0F};
     e.planar.quality = 100;
